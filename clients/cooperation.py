@@ -240,7 +240,8 @@ class Cooperation:
             return str(why or "")
 
         with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
-            robot = LeaderRobot(lambda: Place(*agent.place[:3]), areas, interruption, self._look)
+            here = (lambda: Place(*agent.place[:3]), areas)
+            robot = LeaderRobot(*here, interruption, self._look, execution.awaiting)
             report = Leader(led, Transport(channel, self._name), robot, _policy(icon)).lead(
                 kind(icon).replace("_", " "),
                 lambda: make_planner(icon, self._world, self._name, robot.place()),

@@ -23,7 +23,8 @@ from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
-from robocorba.robot.agent import AgentCalls, AgentCondition, AgentState, ControlAgent
+from robocorba.robot.agent import AgentCalls, AgentState, ControlAgent
+from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
@@ -33,6 +34,7 @@ from robocorba.robot.corba.robot_channel import RobotChannel
 from robocorba.robot.corba.stop_listener import listen_for_stops
 from robocorba.robot.data_pool.plans import Plans
 from robocorba.robot.data_pool.start_places import start_places
+from robocorba.robot.display import Display
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.robot.model_switcher import AdaptorContext
@@ -43,7 +45,6 @@ from robocorba.robot.programs.checker import Start, check
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.realtime import raise_process_priority
-from robocorba.robot.runner import ProgramResult
 from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.registry import Description, Pose
 from robocorba.system import logs
@@ -100,14 +101,11 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
     raise PlaceTaken(floor, 0.0, 0.0, "all path nodes and the places near them are occupied; give a place by --at X,Y")
 
 
-def progress_of(state: AgentState) -> RobotProgress:
-    """What the robot does. At the end of a task its thread may still run."""
-    report, condition = state.program, state.condition
-    has_ended = report.result is not ProgramResult.NO_RESULT
-    if has_ended and condition in (AgentCondition.RUNNING, AgentCondition.PAUSED):
-        condition = AgentCondition.IDLE
-    result = report.result.name.lower() if has_ended else ""
-    return RobotProgress(condition.name.lower(), report.name, result, state.reason or report.reason)
+def progress_of(shown: Display, report: ProgramReport) -> RobotProgress:
+    """What the robot shows, and how its last task has ended: a failure is shown already."""
+    is_said = report.result in (ProgramResult.NO_RESULT, ProgramResult.FAILED)
+    result = "" if is_said else ": ".join(filter(None, (report.result.name.lower(), report.reason)))
+    return RobotProgress(shown.kind.name.lower(), shown.text, report.name, result)
 
 
 def run_unless_stopped(agent: ControlAgent) -> None:
@@ -168,7 +166,9 @@ def run(arguments: Sequence[str] | None) -> None:
         stack.callback(follower.close)
         posture = PostureReport(lambda: agent.joints, session.report_posture)
         postures = Repeating("posture", posture.update, lambda: REFRESH_S if agent.is_resting else INTERVAL_S)
-        progress = Repeating("progress", lambda: print(progress_of(agent.state).line(), flush=True), math.inf)
+        progress = Repeating(
+            "progress", lambda: print(progress_of(agent.display, agent.state.program).line(), flush=True), math.inf
+        )
 
         def prepare() -> None:
             follower.attend()

@@ -196,7 +196,11 @@ class MissionSystem:
 
     def command(self, leader: str, *arguments: str) -> str:
         """Run `robocorba mission ...`, which must succeed; return its output."""
-        process = self._robocorba(leader, "mission", *arguments)
+        return self.printed("mission", *arguments, user=leader)
+
+    def printed(self, *arguments: str, user: str = "user") -> str:
+        """What a command of `robocorba` prints, which must succeed."""
+        process = self._robocorba(user, *arguments)
         out, err = process.communicate(timeout=60.0)
         assert process.returncode == 0, err
         return out

@@ -7,6 +7,7 @@ import functools
 import logging
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
@@ -21,6 +22,7 @@ from robocorba.planning.request import PathPoint
 from robocorba.robot import model_switcher
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
+from robocorba.robot.display import Display, DisplayKind, display_of
 from robocorba.robot.emergency_stop import EmergencyStop
 from robocorba.robot.high_controller import Callbacks, HighController
 from robocorba.robot.kinematics.inverse import InverseKinematics
@@ -75,7 +77,7 @@ class AgentCalls:
     check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport()
     #: Before each task, to bring up to date what rests while the robot has none.
     prepare: Callable[[], None] = lambda: None
-    #: After changes of condition and task; must not block.
+    #: After changes of condition, task and display; must not block.
     changed: Callable[[], None] = lambda: None
 
 
@@ -102,6 +104,11 @@ class ControlAgent:
         self._robot: Robot | None = None
         self._program: Program | None = None
         self._task: Task | None = None
+        #: Its part in the mission that the task leads, if that is so.
+        self._part: Task | None = None
+        #: What the touch panel shows, and since when [s, monotonic].
+        self._shown, self._shown_at = Display(DisplayKind.WAITING, ""), 0.0
+        self._showing = threading.Lock()
         self._thread: threading.Thread | None = None
         self._cap: float | None = None
         self._is_virtual = False
@@ -272,7 +279,7 @@ class ControlAgent:
                 self._refuse_while_running("take part in a mission")
             robot = self.robot
             if for_own_mission:
-                part = make(robot)
+                self._part = part = make(robot)
                 Background("own part", part.run, functools.partial(self._task_failed, part)).start()
                 return part
             robot.execution.reset(False)
@@ -377,6 +384,23 @@ class ControlAgent:
         )
 
     @property
+    def display(self) -> Display:
+        """What the robot's touch panel shows. It calls nobody, so it is there while others hang. Raises RobotLost."""
+        controller, robot = self._controller, self._robot
+        if controller is None or robot is None:
+            raise RobotLost(f"{self.name} was not started")
+        with self._showing:
+            part, awaited = self._part, robot.execution.awaited or controller.awaited
+            is_in_part = part is not None and part.report.result is ProgramResult.NO_RESULT
+            report = part.report if part and is_in_part else self._report
+            shown = display_of(self._condition(controller), controller.stopped, report, awaited, controller.is_lost)
+            now = time.monotonic()
+            if shown != self._shown:
+                self._shown, self._shown_at = shown, now
+                self._calls.changed()
+            return shown._replace(seconds=now - self._shown_at)
+
+    @property
     def robot(self) -> Robot:
         """The robot that tasks move. Raises IllegalOrder if none was started or it is stopped."""
         if self._controller is None or self._robot is None:
@@ -449,7 +473,7 @@ class ControlAgent:
             finally:
                 self._calls.changed()
 
-        self._task = task
+        self._task, self._part = task, None
         self._thread = Background("program", run, functools.partial(self._task_failed, task))
         self._thread.start()
         if controller := self._controller:
@@ -488,6 +512,8 @@ class ControlAgent:
     def _renew(self) -> None:
         if controller := self._controller:
             controller.check_alive()
+        if self._robot:
+            _ = self.display  # notes since when it shows that, also while nobody asks
         with contextlib.suppress(RobotLost):  # the controller detects and reports it, too
             self.session.heartbeat()
 

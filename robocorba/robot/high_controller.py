@@ -137,6 +137,8 @@ class HighController:
         self._waits_for = ""
         #: Why the last attempt to reconnect to a lost robot failed, and how many did so in a row.
         self._reconnect_problem, self._reconnect_failures = "", 0
+        #: What the motion waits for, by its last command; and when the robot's clock advanced last [s, monotonic].
+        self._awaited, self._advanced_at = "", 0.0
         #: The last commanded velocity, in the building's frame.
         self._velocity: Velocity = ZERO_VELOCITY
         self._targets = np.zeros(len(JOINT_LOWER))
@@ -262,6 +264,16 @@ class HighController:
         self._check_hang()
         self._halt_if_due()
 
+    @property
+    def awaited(self) -> str:
+        """What the robot, or its motion, waits for; empty if neither does."""
+        limit_s = self._timing.check_interval_s
+        if (whom := self._waits_for) and self._silent_s > limit_s:
+            return f"{whom}, which does not answer"
+        if time.monotonic() - self._advanced_at > limit_s + self._timing.rest_tick_s:
+            return f"{self._adaptor.waits_for}, whose time stands"
+        return self._awaited
+
     def check(self) -> None:
         """Raise IllegalOrder or RobotLost if the robot is stopped."""
         if reason := self.stopped:
@@ -302,7 +314,7 @@ class HighController:
                 ahead, left, turn = state.velocity
                 self._velocity = *turned(ahead, left, state.heading), turn
                 self._targets = state.joints.copy()
-                self.state, self._read_at = state, time.monotonic()
+                self._note_state(state)
             if end:
                 end(seen)
             self._losses.end(losses)
@@ -426,7 +438,7 @@ class HighController:
                     self.lose("its adaptor was stopped")
                 return
             self._answer_of("the simulation server", self._calls.on_state, state)
-            self.state, self._read_at = state, time.monotonic()
+            self._note_state(state)
             command = self._command(state)
             self._answer_of(robot, self._adaptor.write, command)
             self._calls.on_command(state, command)
@@ -441,6 +453,12 @@ class HighController:
         except DEFECTS as error:  # a defect of an adaptor must not leave the robot driving
             _log.exception("the adaptor failed")
             self._fail(f"{type(error).__name__}: {error}")
+
+    def _note_state(self, state: RobotState) -> None:
+        now = time.monotonic()
+        if state.time != self.state.time:
+            self._advanced_at = now
+        self.state, self._read_at = state, now
 
     def _halt_if_due(self) -> None:
         """After a stop of the latch that was set elsewhere."""
@@ -510,6 +528,7 @@ class HighController:
 
     def _command(self, state: RobotState) -> ActorCommand:
         wanted = self._motion_command(state)
+        self._awaited = wanted.awaited
         velocity = self._limited(wanted.velocity, state.heading)
         joints, velocities = wanted.joints, wanted.joint_velocities
         if joints is None or velocities is None:

@@ -106,7 +106,9 @@ class Runner:
             postures = hands.joint_path(icon, self._robot.joints, self._robot.kinematics)
             self._robot.move_joints_along(postures, icon.seconds or 0.0)
         elif isinstance(icon, icons.WaitUntil):
-            return "done" if self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition)) else "timed_out"
+            with self._robot.execution.awaiting(lambda: _words(icon.condition)):
+                is_met = self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition))
+            return "done" if is_met else "timed_out"
         elif isinstance(icon, icons.StopIfCloser):
             return self._run_watched(icon, path)
         elif isinstance(icon, icons.Repeat):
@@ -194,6 +196,16 @@ class Runner:
 
     def _update(self, **changes: Any) -> None:
         self._last_report = self.report._replace(seconds=time.monotonic() - self._started_at, **changes)
+
+
+def _words(condition: Condition) -> str:
+    """What a wait for a condition waits for."""
+    if isinstance(condition, icons.Event):
+        return f"event {condition.type} from {condition.source}"
+    if isinstance(condition, icons.CloserThan | icons.FartherThan):
+        seen = "an obstacle" if isinstance(condition, icons.CloserThan) else "nothing"
+        return f"{seen} within {condition.distance:g} m of the {condition.sensor} sensor"
+    return f"an object in hand: {condition.hand}" if isinstance(condition, icons.Holding) else "a result"
 
 
 def _event_patterns(program: Program) -> list[tuple[str, str]]:

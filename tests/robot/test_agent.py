@@ -13,6 +13,7 @@ from robocorba.errors.simulation import InvalidChoice
 from robocorba.robot import model_switcher
 from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCalls, ControlAgent
 from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
+from robocorba.robot.display import DisplayKind
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
@@ -113,6 +114,28 @@ def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, sessio
     agent.abort()
     eventually(lambda: agent.is_free, "aborted")
     assert not agent.path
+
+
+def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: ControlAgent) -> None:
+    def shows(kind: DisplayKind, text: str) -> None:
+        eventually(lambda: agent.display[:2] == (kind, text), text)
+
+    waiting = DisplayKind.WAITING
+    shows(waiting, "waiting for an order")
+    eventually(lambda: agent.display.seconds > 0.3, "it shows that for a while")
+    agent.load(ProgramBuilder("nap").mbase_velocity(0.05, 0.0, 0.0, 1.0).wait(60).program())
+    agent.run()
+    shows(DisplayKind.WORKING, "mbase velocity (nap)")
+    shows(waiting, "waiting for 60 s")
+    first = agent.display.seconds
+    assert first < 5.0 and agent.display.seconds > first
+    agent.pause()
+    shows(waiting, "paused, waiting for 60 s")
+    agent.stop("fire")
+    shows(DisplayKind.EXCEPTIONAL, "stopped: fire")
+    eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "its end")
+    agent.reset_stop()
+    shows(waiting, "waiting for an order")
 
 
 def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:

@@ -797,6 +797,7 @@ subject robot_agent {
     check {[get [lindex [$agent path] end] position] eq {floor L1 x 5.0 y 5.0}}
     $agent pause
     until {[condition] eq "PAUSED"}
+    check {[get [$agent display] kind] eq "DISPLAY_WAITING" && [string match paused* [get [$agent display] text]]}
     $agent resume
     until {[get [$agent state] program result] eq "DONE"}
     set state [$agent state]

@@ -220,7 +220,7 @@ class Operator:
             expect(processes.get_by_role("row", name=f"robot_{name}")).to_contain_text("ready")
         self.tab("Robots")
         for name, at in START.items():
-            expect(self.robot_row(name)).to_contain_text("idle")
+            expect(self.robot_row(name)).to_contain_text("waiting for an order")
             self.click_map(canvas, at)
             expect(self.robot_row(name)).to_have_attribute("aria-selected", "true")
             expect(self.fact("pose")).to_have_text(re.compile(rf"L1: {at[0]:.1f}\d m, {at[1]:.1f}\d m, 0°"))
@@ -331,12 +331,11 @@ class Operator:
         """It leaves L1 with the elevator, and arrives on L2."""
         self.open("Monitor")
         self.robot_row("R1").click()
-        expect(self.robot_row("R1")).to_contain_text("running")
         expect(self.robot_row("R1")).to_contain_text(PROGRAM)
         expect(self.fact("speed")).not_to_contain_text("0.00 m/s")
         self.press("f")
         expect(self.page.get_by_label("Floors").get_by_role("tab", selected=True)).to_contain_text("L2")
-        expect(self.robot_row("R1")).to_contain_text("idle")
+        expect(self.robot_row("R1")).to_contain_text("waiting for an order")
         expect(self.fact("pose")).to_contain_text(f"L2: {GOAL[0]:.1f}")
         self.press("f", "0", "Escape")
         expect(self.robot_row("R1")).to_have_attribute("aria-selected", "false")
@@ -429,7 +428,7 @@ class Operator:
         with self.killed(system, "simulation"):
             pass
         for name in START:
-            expect(self.robot_row(name)).to_contain_text("idle")
+            expect(self.robot_row(name)).to_contain_text("waiting for an order")
         expect(self.fact("pose")).to_have_text(before)
 
     def kill_console(self, system: Running) -> None:

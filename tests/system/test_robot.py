@@ -247,7 +247,7 @@ def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb:
     (tmp_path / "wait.json").write_text(dumps(ProgramBuilder("waiting").wait(600.0).program()))
     fleet, registered = Fleet(robocorba("robots", "fleet.yaml")), RegisteredRobots(system_orb)
     assert registered.floors().items() >= {"Lead": "L1", "F1": "L1", "F2": "L1"}.items()
-    fleet.wait_for("Lead\tL1\trunning\twaiting\t0\t")
+    fleet.wait_for("Lead\tL1\twaiting\twaiting\t0\twaiting for 60 s")
     fleet.kill("F1")
     fleet.wait_for("F1\tL1\tended\t\t0\tended by SIGKILL")
     assert RemoteAgent(system_orb, "Lead").state().program.name == "waiting"
@@ -261,7 +261,7 @@ def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb:
 def test_a_robot_is_started_again_if_wanted(robocorba: Start, system_orb: Orb) -> None:
     fleet = Fleet(robocorba("robots", "--count", "1", "--prefix", "G", "--restart"))
     fleet.kill("G1")
-    eventually(lambda: any(line.startswith("G1\tL1\tidle\t\t") and "\t0\t" not in line for line in fleet.lines))
+    eventually(lambda: any(line.startswith("G1\tL1\twaiting\t\t") and "\t0\t" not in line for line in fleet.lines))
     assert RemoteAgent(system_orb, "G1").state().name == "G1"
     assert fleet.end(signal.SIGTERM) == 0
     assert "G1" not in RegisteredRobots(system_orb).floors()

@@ -64,6 +64,10 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     def _get_state(self) -> Any:
         return robot_states.agent_state(self._agent.state)
 
+    @translating
+    def _get_display(self) -> Any:
+        return robot_states.display(self._agent.display)
+
     def _get_pool(self) -> Any:
         return self._pool
 

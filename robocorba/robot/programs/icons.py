@@ -317,7 +317,8 @@ class Wait(MovementIcon, frozen=True):
     seconds: Seconds
 
     def perform(self, robot: Any) -> None:
-        robot.wait(self.seconds)
+        with robot.execution.awaiting(lambda: f"{self.seconds:g} s"):
+            robot.wait(self.seconds)
 
 
 class Repeat(_Icon, frozen=True):
