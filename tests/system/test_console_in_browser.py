@@ -320,10 +320,19 @@ class Operator:
     # ---- run ----
 
     def run_program(self) -> None:
-        """Icons are lit while they run; the robot is on its way when the user goes to another page."""
+        """Icons are lit while they run. Simulated time is paused in another tab while the robot is on its way."""
+        assert self.page.context.browser
+        monitor = self.page.context.browser.new_page()
+        monitor.set_default_timeout(1000 * LIMIT_S)
+        monitor.goto(self.address)
+        pause = monitor.get_by_role("button", name="Pause time")
+        expect(pause).to_be_enabled()
         self.button("Run").click()
         expect(self.page.locator(".icon-card.is-running")).to_have_count(1)
         expect(self.card("mbase_path")).to_have_class(re.compile("is-running"))
+        pause.click()
+        expect(monitor.get_by_role("button", name="Resume time")).to_be_visible()
+        monitor.close()
         for icon in ("mhand_posture", "say", "mbase_velocity"):
             expect(self.card(icon)).to_have_class(re.compile("is-done"))
 
@@ -332,6 +341,8 @@ class Operator:
         self.open("Monitor")
         self.robot_row("R1").click()
         expect(self.robot_row("R1")).to_contain_text(PROGRAM)
+        expect(self.fact("state")).to_contain_text("whose time stands")
+        self.button("Resume time").click()
         expect(self.fact("speed")).not_to_contain_text("0.00 m/s")
         self.press("f")
         expect(self.page.get_by_label("Floors").get_by_role("tab", selected=True)).to_contain_text("L2")
