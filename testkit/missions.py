@@ -200,8 +200,7 @@ class MissionSystem:
 
     def printed(self, *arguments: str, user: str = "user") -> str:
         """What a command of `robocorba` prints, which must succeed."""
-        process = self._robocorba(user, *arguments)
-        out, err = process.communicate(timeout=60.0)
+        out, err = (process := self._robocorba(user, *arguments)).communicate(timeout=60.0)
         assert process.returncode == 0, err
         return out
 

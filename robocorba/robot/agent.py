@@ -512,10 +512,10 @@ class ControlAgent:
     def _renew(self) -> None:
         if controller := self._controller:
             controller.check_alive()
-        if self._robot:
-            _ = self.display  # notes since when it shows that, also while nobody asks
         with contextlib.suppress(RobotLost):  # the controller detects and reports it, too
             self.session.heartbeat()
+        if self._robot:
+            _ = self.display  # notes since when it shows that, also while nobody asks
 
     def _follow(self, state: RobotState) -> None:
         """Make the body in the building follow an actual robot; this also keeps the lease."""

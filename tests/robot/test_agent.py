@@ -116,26 +116,43 @@ def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, sessio
     assert not agent.path
 
 
-def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: ControlAgent) -> None:
-    def shows(kind: DisplayKind, text: str) -> None:
-        eventually(lambda: agent.display[:2] == (kind, text), text)
+def shows(agent: ControlAgent, kind: DisplayKind, text: str) -> None:
+    eventually(lambda: agent.display[:2] == (kind, text), f"{text}, not {agent.display.text}")
 
+
+def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: ControlAgent) -> None:
     waiting = DisplayKind.WAITING
-    shows(waiting, "waiting for an order")
+    shows(agent, waiting, "waiting for an order")
     eventually(lambda: agent.display.seconds > 0.3, "it shows that for a while")
     agent.load(ProgramBuilder("nap").mbase_velocity(0.05, 0.0, 0.0, 1.0).wait(60).program())
     agent.run()
-    shows(DisplayKind.WORKING, "mbase velocity (nap)")
-    shows(waiting, "waiting for 60 s")
+    shows(agent, DisplayKind.WORKING, "mbase velocity (nap)")
+    shows(agent, waiting, "waiting for 60 s")
     first = agent.display.seconds
     assert first < 5.0 and agent.display.seconds > first
     agent.pause()
-    shows(waiting, "paused, waiting for 60 s")
+    shows(agent, waiting, "paused, waiting for 60 s")
     agent.stop("fire")
-    shows(DisplayKind.EXCEPTIONAL, "stopped: fire")
+    shows(agent, DisplayKind.EXCEPTIONAL, "stopped: fire")
     eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "its end")
     agent.reset_stop()
-    shows(waiting, "waiting for an order")
+    shows(agent, waiting, "waiting for an order")
+
+
+def test_a_robot_whose_world_stands_waits_and_one_that_is_lost_is_exceptional(
+    agent: ControlAgent, session: InProcessSession, place: Place
+) -> None:
+    agent.load(LONG)
+    agent.run()
+    shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
+    place.agent.configure(is_paused=True)
+    shows(agent, DisplayKind.WAITING, "waiting for the simulation server, whose time stands")
+    place.agent.configure(is_paused=False)
+    shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
+    session.is_away = True
+    shows(agent, DisplayKind.EXCEPTIONAL, "lost: nobody answers")
+    session.is_away = False
+    shows(agent, DisplayKind.EXCEPTIONAL, "long failed: nobody answers")
 
 
 def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:

@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import contextlib
 from itertools import product
+from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from omniORB import CORBA
 
-from robocorba.robot.agent_state import AgentCondition, ProgramReport, ProgramResult
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramReport, ProgramResult
 from robocorba.robot.corba import robot_states
+from robocorba.robot.corba.remote_agent import shown_by
 from robocorba.robot.display import Display, DisplayKind, display_of
 from robocorba.robot.execution_control import ExecutionControl
+from robocorba.robot.motion.robot_state import RobotState
 
 #: Condition, result of the task, whether it waits for B, whether the robot is lost (? any of them); what is shown.
 TABLE = """
@@ -61,6 +66,23 @@ def test_what_has_no_name_is_said_nevertheless() -> None:
 def test_it_is_the_same_for_a_client(kind: DisplayKind, text: str, seconds: float) -> None:
     shown = Display(kind, text, seconds)
     assert robot_states.display_of(robot_states.display(shown)) == shown
+
+
+class Released:
+    """A robot of 0.1.0."""
+
+    def _get_display(self) -> Any:
+        raise CORBA.BAD_OPERATION
+
+    def _get_state(self) -> Any:
+        report = ProgramReport("fetch", ProgramResult.NO_RESULT, "icons[0]", "mbase_path")
+        at = Pose("L1", 0.0, 0.0, 0.0)
+        state = AgentState("A", "simulated", AgentCondition.RUNNING, "", at, RobotState(), 1.0, 0.0, report)
+        return robot_states.agent_state(state)
+
+
+def test_what_a_robot_of_0_1_0_shows_follows_from_its_state() -> None:
+    assert shown_by(Released()) == Display(DisplayKind.WORKING, "mbase path (fetch)")
 
 
 @given(st.lists(st.one_of(st.just(None), st.sampled_from(["", "B", "elevator E1", "areas"]))))

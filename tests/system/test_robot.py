@@ -247,7 +247,7 @@ def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb:
     (tmp_path / "wait.json").write_text(dumps(ProgramBuilder("waiting").wait(600.0).program()))
     fleet, registered = Fleet(robocorba("robots", "fleet.yaml")), RegisteredRobots(system_orb)
     assert registered.floors().items() >= {"Lead": "L1", "F1": "L1", "F2": "L1"}.items()
-    fleet.wait_for("Lead\tL1\twaiting\twaiting\t0\twaiting for 60 s")
+    fleet.wait_for("Lead\tL1\twaiting\twaiting\t0\twaiting for 600 s")
     fleet.kill("F1")
     fleet.wait_for("F1\tL1\tended\t\t0\tended by SIGKILL")
     assert RemoteAgent(system_orb, "Lead").state().program.name == "waiting"

@@ -40,8 +40,9 @@ export class MonitorScene {
     if (!robot) return {};
     if (robot.isSilent) return { color: colors.lost, note: `no answer ${ageText(robot.age)}` };
     const { kind, text } = robot.display;
-    const isNoted = kind === "exceptional" || (kind === "waiting" && robot.condition !== "idle");
-    return isNoted ? { note: shortened(text, 30) } : {};
+    const note = shortened(text, 30);
+    if (kind === "exceptional") return { note };
+    return kind === "waiting" && robot.condition !== "idle" ? { note, noteColor: colors.text } : {};
   }
 
   refuse(text, x, y) {
