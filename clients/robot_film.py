@@ -11,6 +11,7 @@ import shapely
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
+from robocorba.clients.hand_over_facts import in_building
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.mujoco_headless import mujoco
@@ -111,12 +112,6 @@ def sheet(hand: HandPose, state: RobotState, long_m: float, wide_m: float, held_
     corners = [(ahead, aside, 0.0) for ahead in (-held_m, long_m - held_m) for aside in (-wide_m / 2, wide_m / 2)]
     points = np.array(corners) @ hand.rotation.T + hand.position
     return ConvexShape(in_building(points, state), (214, 23, 110))
-
-
-def in_building(points: Floats, state: RobotState) -> Floats:
-    """Points (n, 3) [m] from a robot's frame to the building's frame."""
-    c, s = math.cos(state.heading), math.sin(state.heading)
-    return points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + (state.x, state.y, 0.0)
 
 
 def _shape(model: mujoco.MjModel, geom: int) -> ConvexShape:
