@@ -16,6 +16,9 @@ from packaging.requirements import Requirement
 
 from robocorba.commands import FORWARDING, SUBCOMMANDS
 from robocorba.errors.services import ServiceError
+from robocorba.map_editor import native
+from robocorba.map_editor.model import TopologicalMap, with_topology
+from robocorba.map_editor.samples import sample_path
 from robocorba.system import extras
 from robocorba.system.extras import require_extra, requirements
 
@@ -40,7 +43,18 @@ OF_EXTRA = {
         *("robocorba.simulation.recording", "robocorba.console.history", "robocorba.console.recordings"),
         *(f"robocorba.console.{name}" for name in ("monitor_operations", "monitor_state")),
     ),
+    "maps": (
+        "robocorba.map_editor.topology",
+        *(
+            f"robocorba.map_editor.topology.{name}"
+            for name in ("axis", "coverage", "doorways", "pruning", "roadmap", "simplification", "sites")
+        ),
+    ),
     "ros2": ("robocorba.bridges.ros2.bag",),
+    "smartpal": (
+        *("robocorba.robot.smartpal_stand_in.arm", "robocorba.robot.smartpal_stand_in.robot"),
+        *("robocorba.robot.corba.smartpal_unit_servants", "robocorba.servers.smartpal"),
+    ),
 }
 #: Python packages of ROS 2 itself, which is on no index.
 OF_ROS = {"rclpy", "rcl_interfaces"}
@@ -85,11 +99,14 @@ def test_the_core_runs_without_the_packages_of_extras(core: set[str], tmp_path: 
     modules = set(PRODUCT) - {"robocorba.__main__", "robocorba.clients.new_robot"}  # which run when they are imported
     helps = [[name, "--help"] for name in SUBCOMMANDS if name not in FORWARDING]
     film, recording = str(tmp_path / "new.mp4"), str(tmp_path / "old.mcap")
+    bare = str(tmp_path / "bare.yaml")
+    native.save(with_topology(native.load(sample_path("paper-scene")), "L1", TopologicalMap()), bare)
     wanting = {
         "films": (["map", "show", "paper-scene"], ["replay", recording, "--video", film]),
         "recordings": (["replay", recording],),
         "foxglove": (["convert", recording, film],),
         "ros2": (["convert", recording, film, "--ros2"],),
+        "maps": (["map", "import", bare, film, "--topology"],),
         "console": (["up", "--console", "--state", str(tmp_path)], ["console"]),
     }
     lines = [line for each in wanting.values() for line in each]

@@ -195,14 +195,15 @@ def check(
 
 def _with_topological_map(building: Building, floor: str, radius_m: float) -> Building:
     """The building; a floor without edges gets a topological map, with its present nodes. Prints the result."""
-    from robocorba.map_editor.losses import listed
-    from robocorba.map_editor.topology import topological_map
-
     entry = building.floors[floor]
     nodes, edges = entry.topological.nodes, entry.topological.edges
     if edges:
         line(f"{floor}: topological map kept, it has {len(edges)} edges")
         return building
+    require_extra("maps", "generated topological maps")
+    from robocorba.map_editor.losses import listed
+    from robocorba.map_editor.topology import topological_map
+
     generated = topological_map(building, floor, radius_m, tuple(nodes.values()))
     connected = {name for edge in generated.edges.values() for name in (edge.a, edge.b)}
     unreachable = [name for name in nodes if name not in connected]

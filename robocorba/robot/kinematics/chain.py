@@ -180,7 +180,19 @@ def _step(jacobian: Floats, error: Floats, damping: float, pull: Floats, min_ste
             normal[i, j] = normal[j, i] = total
     step, stopped, beyond = np.empty(count), np.zeros(count, np.bool_), True
     while beyond:  # at most once for each joint, and once more
-        step[:], beyond = np.linalg.solve(normal, wanted), False
+        # Gaussian elimination without pivoting: `normal` is positive definite.
+        rest, beyond = normal.copy(), False
+        step[:] = wanted
+        for i in range(count):
+            for j in range(i + 1, count):
+                share = rest[j, i] / rest[i, i]
+                step[j] -= share * step[i]
+                for k in range(i + 1, count):
+                    rest[j, k] -= share * rest[i, k]
+        for i in range(count - 1, -1, -1):
+            for k in range(i + 1, count):
+                step[i] -= rest[i, k] * step[k]
+            step[i] /= rest[i, i]
         for i in range(count):
             if not stopped[i] and (step[i] < min_step[i] or step[i] > max_step[i]):
                 step[i] = min(max(step[i], min_step[i]), max_step[i])
