@@ -52,8 +52,10 @@ OF_EXTRA = {
     ),
     "ros2": ("robocorba.bridges.ros2.bag",),
     "smartpal": (
-        *("robocorba.robot.smartpal_stand_in.arm", "robocorba.robot.smartpal_stand_in.robot"),
-        *("robocorba.robot.corba.smartpal_unit_servants", "robocorba.servers.smartpal"),
+        *(f"robocorba.robot.smartpal_stand_in.{name}" for name in ("arm", "axes", "dynamics", "faults")),
+        *(f"robocorba.robot.smartpal_stand_in.{name}" for name in ("mobility", "robot", "setpoint", "unit")),
+        "robocorba.robot.kinematics.mujoco_headless",
+        "robocorba.robot.corba.smartpal_unit_servants",
     ),
 }
 #: Python packages of ROS 2 itself, which is on no index.
