@@ -5,19 +5,13 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Sequence
 
+from robocorba.errors.services import ServiceError
 from robocorba.orb.orb import Orb
-from robocorba.robot.corba.smartpal_unit_servants import (
-    ArmServant,
-    FaultsServant,
-    GripperServant,
-    LumbarServant,
-    MobilityServant,
-)
 from robocorba.robot.kinematics.smartpal import Side
 from robocorba.robot.realtime import raise_process_priority, use_realtime_scheduling
-from robocorba.robot.smartpal_stand_in.robot import SmartPal
-from robocorba.robot.smartpal_stand_in.unit import UnitPolicy
 from robocorba.system import logs
+from robocorba.system.extras import require_extra
+from robocorba.system.printing import fail
 from robocorba.system.private_files import claim_state
 from robocorba.system.repeating import Repeating
 from robocorba.system.settings import SmartPalSettings
@@ -25,6 +19,20 @@ from robocorba.system.settings import SmartPalSettings
 
 def main(arguments: Sequence[str] | None = None) -> None:
     settings = SmartPalSettings.read(arguments, __doc__ or "")
+    try:
+        require_extra("smartpal", "stand-ins for SmartPal")
+    except ServiceError as error:
+        fail(f"smartpal: {error}")
+    from robocorba.robot.corba.smartpal_unit_servants import (
+        ArmServant,
+        FaultsServant,
+        GripperServant,
+        LumbarServant,
+        MobilityServant,
+    )
+    from robocorba.robot.smartpal_stand_in.robot import SmartPal
+    from robocorba.robot.smartpal_stand_in.unit import UnitPolicy
+
     claim_state(settings.server.state)
     logs.setup("smartpal", settings.server.state / "logs")
     raise_process_priority()

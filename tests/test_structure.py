@@ -46,8 +46,16 @@ COMMON = {
     *(
         f"robocorba.system.{name}"
         for name in (
-            *("backoff", "background", "cores", "damaged_files", "decoding", "kernels", "last_order", "lazy_property"),
-            *("output_files", "private_files", "record_file", "repeating", "sqlite_files", "stop_latch"),
+            *("backoff", "background", "cores", "damaged_files", "decoding", "extras", "kernels", "last_order"),
+            *(
+                "lazy_property",
+                "output_files",
+                "private_files",
+                "record_file",
+                "repeating",
+                "sqlite_files",
+                "stop_latch",
+            ),
         )
     ),
 }

@@ -22,6 +22,7 @@ from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, Outage, StopSignal, pr
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import NoLeader
+from robocorba.system.extras import require_extra
 from robocorba.system.names import MISSIONS
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import Settings
@@ -192,8 +193,14 @@ def report(
             file.write_text(json.dumps(content, indent=1))
         else:
             raise ServiceError(f"no report of a mission in {folder}; name one of `robocorba mission list`")
-        timeline.draw(content, file.parent / timeline.PICTURE)
-        written = page.write(content, file.parent, [(timeline.PICTURE, timeline.CAPTION)])
+        pictures = []
+        try:
+            require_extra("films", "timelines")
+            timeline.draw(content, file.parent / timeline.PICTURE)
+            pictures = [(timeline.PICTURE, timeline.CAPTION)]
+        except ServiceError as error:
+            line(f"note: {error}", err=True)
+        written = page.write(content, file.parent, pictures)
         for table in tables(content):
             Console().print(table)
         if content["reason"]:

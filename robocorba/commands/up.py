@@ -13,11 +13,12 @@ from rich.table import Column, Table
 from robocorba.commands.compiling import compile_with_progress
 from robocorba.commands.options import State, only_for
 from robocorba.commands.reporting import reporting
-from robocorba.console.settings import DEFAULT_PORT, check_installed
+from robocorba.console.settings import DEFAULT_PORT
 from robocorba.orb.naming import corbaname
 from robocorba.orb.tls import load_transport
 from robocorba.system.corba.servers import servers
 from robocorba.system.corba.subnets import parse_subnets, remove_former_links
+from robocorba.system.extras import require_extra
 from robocorba.system.names import CONSOLE
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
@@ -121,7 +122,7 @@ def up(
 
 def _console_address(port: int) -> Address:
     """Where the console listens: on the loopback only, since it has the rights of an administrator and no password."""
-    check_installed()
+    require_extra("console", "pages of the console")
     if port == 0:
         with socket.create_server((DEFAULT_HOST, 0)) as probe:
             port = int(probe.getsockname()[1])

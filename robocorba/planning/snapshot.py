@@ -8,13 +8,11 @@ from collections.abc import Callable
 
 import msgspec
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from robocorba.errors.paths import Blocker, NoPath
 from robocorba.map_editor.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
 from robocorba.map_editor.movable import movables
-from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.arrays import Floats, Longs, connected_parts
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M, XY
 from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.heuristics import COST_IN_METRES, make_heuristics
@@ -88,10 +86,7 @@ class BuildingSnapshot:
             if len(factor):
                 usable &= np.isfinite(factor)
             origin = np.repeat(np.arange(len(roads.xy)), np.diff(roads.first))
-            links = csr_array(
-                (np.ones(int(usable.sum()), np.int8), (origin[usable], roads.to[usable])), (len(roads.xy),) * 2
-            )
-            known = connected_components(links, directed=False)[1].astype(np.int64)
+            known = connected_parts(origin[usable], roads.to[usable], len(roads.xy))
             if len(self._components) >= MAX_VARIANTS:
                 self._components.clear()
             self._components[key] = known

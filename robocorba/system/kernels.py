@@ -16,8 +16,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 def _load_numba() -> None:
     """Load numba's functions for arrays without scipy.linalg, which takes each process a third of a second of a core.
 
-    numba imports it to see whether there is a BLAS; scipy, which has one, is installed with us. Kernels that use it
-    still load it."""
+    numba imports it to see whether there is a BLAS, which no kernel of ours needs. Those of others that use it still
+    load it."""
     from numba.np import linalg
 
     ask, linalg.ensure_blas = linalg.ensure_blas, lambda: None

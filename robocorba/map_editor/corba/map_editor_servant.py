@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
 from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
+from robocorba.errors.services import ServiceError
 from robocorba.map_editor import native
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
@@ -19,6 +20,7 @@ from robocorba.map_editor.time_limit import time_limit
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.system.extras import require_extra
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
 CLOSED_TRANSACTIONS_KEPT = 100
@@ -261,6 +263,10 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def buildTopologicalMap(self, onFloor: str, robotRadius: float) -> int:
+        try:
+            require_extra("maps", "generated topological maps")
+        except ServiceError as error:
+            raise InvalidElement("floor", "", onFloor, str(error)) from None
         # Imported here: it takes 0.5 s to load, and a server must restart quickly.
         from robocorba.map_editor.topology import topological_map
 

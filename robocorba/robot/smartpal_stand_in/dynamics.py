@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats
-from robocorba.robot.kinematics.model import specification
-from robocorba.robot.kinematics.mujoco_headless import mujoco
+from robocorba.robot.kinematics.mujoco_headless import mujoco, specification
 from robocorba.robot.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
 
 #: Time step of the simulation [s].

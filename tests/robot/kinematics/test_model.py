@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from robocorba.commands import command
 from robocorba.robot.kinematics.appearance import PAINTS
 from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.model import specification
+from robocorba.robot.kinematics.mujoco_headless import specification
 from robocorba.robot.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
 from robocorba.robot.kinematics.urdf import urdf
 
@@ -89,6 +89,20 @@ def test_it_moves_by_its_dynamics_without_a_warning(model: mujoco.MjModel) -> No
     for _ in range(900):
         mujoco.mj_step(model, data)
     assert not any(warning.number for warning in data.warning)
+
+
+def test_links_collide_as_those_of_mujoco(body: SmartPalBody, model: mujoco.MjModel) -> None:
+    data, rows = mujoco.MjData(model), [model.joint(name).qposadr[0] for name in JOINTS]
+    owner = [model.body(number).name for number in model.geom_bodyid]
+    counts = []
+    for joints in anywhere(1000, 8):
+        data.qpos[rows] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        deep = {tuple(owner[geom] for geom in contact.geom) for contact in data.contact if contact.dist < -1e-4}
+        assert set(body.collisions(joints)) == deep
+        counts.append(len(deep))
+    assert sum(map(bool, counts)) > 100
 
 
 # ---- the URDF ----
