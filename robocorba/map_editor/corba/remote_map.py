@@ -168,16 +168,21 @@ def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, floa
     """Floor, x and y [m] of the path nodes of a floor (of the first floor if `floor` is empty).
 
     Raises UnknownFloor, NotReachable."""
+    return ((chosen, *node.at) for chosen, node in elements_of_floor(orb, ElementKind.NODE, floor))
+
+
+def elements_of_floor(orb: Orb, kind: ElementKind, floor: str) -> Iterator[tuple[str, Any]]:
+    """The elements of a kind, each with its floor, as `path_node_positions`."""
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor, 5.0)
     with translated("the map editor"):
         floors = list(editor.floors())
         chosen = floor or floors[0]
         if chosen not in floors:
             raise UnknownFloor("floor", floor, floors)
-        pages = list(element_pages(editor, Selection((ElementKind.NODE,), chosen)))
+        pages = list(element_pages(editor, Selection((kind,), chosen)))
     for page in pages:
         for record in page.elements:
-            yield chosen, record.value._v.at.x, record.value._v.at.y
+            yield chosen, maps.element_of(record.value)
 
 
 def exported(orb: Orb, timeout_s: float) -> str:
