@@ -53,11 +53,11 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     "PathPlanner": _rules((EVERYBODY, "_get_release _get_mapVersion getPath findPaths defaultRequest")),
     "MapEditor": _rules(
         (EVERYBODY, "_get_release _get_buildingName _get_currentVersion floors elements read changesSince editsSince"),
-        (EVERYBODY, "readElements readChanges"),
+        (EVERYBODY, "readElements readChanges readFacts"),
         (EVERYBODY, "check checkFloor exportMap getUnderlay"),
         (
             OPERATORS,
-            "create change remove rename undo redo begin openSession importMap setUnderlay buildTopologicalMap",
+            "create change setFact remove rename undo redo begin openSession importMap setUnderlay buildTopologicalMap",
         ),
     ),
     "OmniDatabase": _rules(

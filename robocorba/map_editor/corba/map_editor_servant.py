@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
-from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
+from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, UnknownElement, VersionUnavailable
 from robocorba.map_editor import native
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
@@ -53,7 +53,15 @@ class TransactionServant(RoboCorba__POA.Transaction):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> None:
-        self._transaction.change(onFloor, maps.element_of(value), expected)
+        self._transaction.change(onFloor, maps.replacement_of(value, onFloor, self._transaction.find), expected)
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> None:
+        key = maps.key_of(fact.id)
+        before = self._transaction.find(*key)
+        if before is None:
+            raise UnknownElement(*key.words)
+        self._transaction.change(key.floor, maps.with_fact(before, fact), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> None:
@@ -128,7 +136,7 @@ class EditSessionServant(RoboCorba__POA.EditSession):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> int:
-        return self._session.change(onFloor, maps.element_of(value), expected)
+        return self._session.change(onFloor, maps.replacement_of(value, onFloor, self._session.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:
@@ -198,7 +206,17 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> int:
-        return self._editor.change(onFloor, maps.element_of(value), expected)
+        return self._editor.change(onFloor, maps.replacement_of(value, onFloor, self._editor.building.find), expected)
+
+    @translating
+    def readFacts(self, part: Any) -> list[Any]:
+        return maps.facts_of(self._editor.building, maps.selection_of(part))
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> int:
+        key = maps.key_of(fact.id)
+        before, _ = self._editor.read(*key)
+        return self._editor.change(key.floor, maps.with_fact(before, fact), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:

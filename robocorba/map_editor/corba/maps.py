@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
+import msgspec
 from omniORB import CORBA
 
 from robocorba.errors import maps as errors
@@ -97,6 +98,66 @@ def element_of(union: Any) -> Element:
         raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
     found: Element = _ELEMENTS[kind].from_idl(union._v)
     return found
+
+
+#: Members of elements that are ElementFacts, since their structs of 0.1.0 lack them.
+FACTS = {ElementKind.OBJECT: ("mass",), ElementKind.AREA: ("gateway",)}
+
+
+def facts(floor: str, value: Element) -> list[Any]:
+    """The ElementFacts of an element, also those that are 0 or empty."""
+    kind = KIND_OF[type(value)]
+    where = element_id(kind.value, floor, value.name)
+    return [RoboCorba.ElementFact(where, each, str(getattr(value, each))) for each in FACTS.get(kind, ())]
+
+
+def facts_of(building: model.Building, part: Selection) -> list[Any]:
+    """The ElementFactSeq of a part of a building."""
+    kinds = [kind for kind in FACTS if kind in (part.kinds or FACTS)]
+    return [
+        fact
+        for floor in building.floors
+        if part.floor in ("", floor)
+        for kind in kinds
+        for value in building.elements(kind, floor).values()
+        if any(getattr(value, each) for each in FACTS[kind])
+        for fact in facts(floor, value)
+    ]
+
+
+def with_fact(value: Element, fact: Any) -> Element:
+    """An element with a fact. Raises InvalidElement."""
+    key = key_of(fact.id)
+    known = FACTS.get(key.kind, ())
+    if fact.key not in known:
+        reason = f"it has no fact {fact.key[:80]!r}; there are {', '.join(known) or 'none'}"
+        raise errors.InvalidElement(*key.words, reason)
+    try:
+        fresh = type(getattr(value, fact.key))(fact.value)
+    except ValueError:
+        raise errors.InvalidElement(*key.words, f"{fact.key} is not a number: {fact.value[:80]!r}") from None
+    return msgspec.structs.replace(value, **{fact.key: fresh})
+
+
+def with_facts(building: model.Building, found: Iterable[Any]) -> model.Building:
+    """A building with the facts of an ElementFactSeq; those of elements that it lacks are left out."""
+    changes: dict[ElementKey, Element] = {}
+    for fact in found:
+        key = key_of(fact.id)
+        before = changes.get(key) or building.find(*key)
+        if before is not None:
+            changes[key] = with_fact(before, fact)
+    fresh = [(*key, value) for key, value in changes.items() if value != building.find(*key)]
+    return building.with_changes(fresh) if fresh else building
+
+
+def replacement_of(union: Any, floor: str, find: Callable[[ElementKind, str, str], Element | None]) -> Element:
+    """The element in an Element union, with the facts of the one that it replaces, which `find` returns."""
+    value = element_of(union)
+    kind = KIND_OF[type(value)]
+    if kind in FACTS and (before := find(kind, floor, value.name)) is not None:
+        value = msgspec.structs.replace(value, **{each: getattr(before, each) for each in FACTS[kind]})
+    return value
 
 
 def kind_of(enumerator: Any) -> ElementKind:
