@@ -82,7 +82,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     ),
     "RobotAgent": _rules(
         (EVERYBODY, "_get_release _get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission"),
-        (EVERYBODY, "iconsFrom adaptors"),
+        (EVERYBODY, "_get_linkPoses iconsFrom adaptors"),
         (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop drive"),
         (OPERATORS, "startMission leadMission abortMission switchAdaptor setSpeedCap"),
     ),

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
-from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, UnknownElement, VersionUnavailable
+from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
 from robocorba.map_editor import native
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
@@ -57,11 +57,7 @@ class TransactionServant(RoboCorba__POA.Transaction):
 
     @translating
     def setFact(self, fact: Any, expected: int) -> None:
-        key = maps.key_of(fact.id)
-        before = self._transaction.find(*key)
-        if before is None:
-            raise UnknownElement(*key.words)
-        self._transaction.change(key.floor, maps.with_fact(before, fact), expected)
+        self._transaction.change(*maps.edited(fact, self._transaction.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> None:
@@ -139,6 +135,10 @@ class EditSessionServant(RoboCorba__POA.EditSession):
         return self._session.change(onFloor, maps.replacement_of(value, onFloor, self._session.find), expected)
 
     @translating
+    def setFact(self, fact: Any, expected: int) -> int:
+        return self._session.change(*maps.edited(fact, self._session.find), expected)
+
+    @translating
     def remove(self, id: Any, expected: int) -> int:
         return self._session.remove(*maps.key_of(id), expected)
 
@@ -214,9 +214,7 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def setFact(self, fact: Any, expected: int) -> int:
-        key = maps.key_of(fact.id)
-        before, _ = self._editor.read(*key)
-        return self._editor.change(key.floor, maps.with_fact(before, fact), expected)
+        return self._editor.change(*maps.edited(fact, self._editor.building.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:

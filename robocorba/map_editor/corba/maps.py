@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, TypeAlias
 
 import msgspec
 from omniORB import CORBA
@@ -19,6 +19,9 @@ from robocorba.map_editor.underlays import Underlay
 from robocorba.orb.exceptions import register, register_system, register_with
 from robocorba.orb.structs import BOOLEAN, SAME, STRINGS, Converter, enumeration, sequence, struct_converter
 from robocorba.stubs import RoboCorba
+
+#: Returns an element by kind, floor and name, None if there is none.
+Find: TypeAlias = Callable[[ElementKind, str, str], Element | None]
 
 _KIND = enumeration(ElementKind, suffix="_ELEMENT")
 _POINT = Converter(lambda point: RoboCorba.XY(*point), lambda found: (found.x, found.y))
@@ -151,7 +154,16 @@ def with_facts(building: model.Building, found: Iterable[Any]) -> model.Building
     return building.with_changes(fresh) if fresh else building
 
 
-def replacement_of(union: Any, floor: str, find: Callable[[ElementKind, str, str], Element | None]) -> Element:
+def edited(fact: Any, find: Find) -> tuple[str, Element]:
+    """The floor and the element of a fact, with the fact. Raises UnknownElement, InvalidElement."""
+    key = key_of(fact.id)
+    before = find(*key)
+    if before is None:
+        raise errors.UnknownElement(*key.words)
+    return key.floor, with_fact(before, fact)
+
+
+def replacement_of(union: Any, floor: str, find: Find) -> Element:
     """The element in an Element union, with the facts of the one that it replaces, which `find` returns."""
     value = element_of(union)
     kind = KIND_OF[type(value)]

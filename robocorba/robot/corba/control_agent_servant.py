@@ -81,6 +81,10 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
         return self._missions.mission
 
     @translating
+    def _get_linkPoses(self) -> Any:
+        return robot_states.link_poses(self._agent.state)
+
+    @translating
     def checkProgram(self, json: str) -> Any:
         try:
             return robot_states.program_check(self._agent.check(program.loads(json)))

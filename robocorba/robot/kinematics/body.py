@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.robot.kinematics.model import specification
 from robocorba.robot.kinematics.mujoco_headless import mujoco
 from robocorba.robot.kinematics.pose import HandPose
@@ -39,6 +42,19 @@ class SmartPalBody:
         """By the link's name: position (3,) of its first joint [m], and attitude (4,) as a quaternion w, x, y, z."""
         self._move(joints)
         return {name: (link.xpos.copy(), link.xquat.copy()) for name, link in self._links.items()}
+
+    def links_at(self, pose: Pose2D, joints: Floats) -> dict[str, tuple[Floats, Floats]]:
+        """The same in the frame in which the base is at x, y [m], heading [rad]; z from its ground."""
+        x, y, heading = pose
+        cosine, sine = math.cos(heading), math.sin(heading)
+        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        half = np.array([math.cos(heading / 2.0), 0.0, 0.0, math.sin(heading / 2.0)])
+        turned = np.zeros(4)
+        found = {}
+        for name, (at, attitude) in self.links(joints).items():
+            mujoco.mju_mulQuat(turned, half, attitude)
+            found[name] = (turn @ at + (x, y, 0.0), turned.copy())
+        return found
 
     def collisions(self, joints: Floats) -> list[tuple[str, str]]:
         """Sorted pairs of links that collide; neighbouring links may overlap."""
