@@ -103,27 +103,27 @@ def element_of(union: Any) -> Element:
     return found
 
 
-#: Members of elements that are ElementFacts, since their structs of 0.1.0 lack them.
-FACTS = {ElementKind.OBJECT: ("mass",), ElementKind.AREA: ("gateway",)}
+def fact_keys(kind: ElementKind) -> tuple[str, ...]:
+    """The members of a kind that are ElementFacts, since its struct of 0.1.0 lacks them."""
+    return {ElementKind.OBJECT: ("mass",), ElementKind.AREA: ("gateway",)}.get(kind, ())
 
 
 def facts(floor: str, value: Element) -> list[Any]:
     """The ElementFacts of an element, also those that are 0 or empty."""
     kind = KIND_OF[type(value)]
     where = element_id(kind.value, floor, value.name)
-    return [RoboCorba.ElementFact(where, each, str(getattr(value, each))) for each in FACTS.get(kind, ())]
+    return [RoboCorba.ElementFact(where, each, str(getattr(value, each))) for each in fact_keys(kind)]
 
 
 def facts_of(building: model.Building, part: Selection) -> list[Any]:
     """The ElementFactSeq of a part of a building."""
-    kinds = [kind for kind in FACTS if kind in (part.kinds or FACTS)]
     return [
         fact
         for floor in building.floors
         if part.floor in ("", floor)
-        for kind in kinds
+        for kind in part.kinds or ElementKind
         for value in building.elements(kind, floor).values()
-        if any(getattr(value, each) for each in FACTS[kind])
+        if any(getattr(value, each) for each in fact_keys(kind))
         for fact in facts(floor, value)
     ]
 
@@ -131,7 +131,7 @@ def facts_of(building: model.Building, part: Selection) -> list[Any]:
 def with_fact(value: Element, fact: Any) -> Element:
     """An element with a fact. Raises InvalidElement."""
     key = key_of(fact.id)
-    known = FACTS.get(key.kind, ())
+    known = fact_keys(key.kind)
     if fact.key not in known:
         reason = f"it has no fact {fact.key[:80]!r}; there are {', '.join(known) or 'none'}"
         raise errors.InvalidElement(*key.words, reason)
@@ -143,12 +143,13 @@ def with_fact(value: Element, fact: Any) -> Element:
 
 
 def with_facts(building: model.Building, found: Iterable[Any]) -> model.Building:
-    """A building with the facts of an ElementFactSeq; those of elements that it lacks are left out."""
+    """A building with the facts of an ElementFactSeq; those of elements that it lacks, and of later releases, are left
+    out."""
     changes: dict[ElementKey, Element] = {}
     for fact in found:
         key = key_of(fact.id)
         before = changes.get(key) or building.find(*key)
-        if before is not None:
+        if before is not None and fact.key in fact_keys(key.kind):
             changes[key] = with_fact(before, fact)
     fresh = [(*key, value) for key, value in changes.items() if value != building.find(*key)]
     return building.with_changes(fresh) if fresh else building
@@ -167,8 +168,8 @@ def replacement_of(union: Any, floor: str, find: Find) -> Element:
     """The element in an Element union, with the facts of the one that it replaces, which `find` returns."""
     value = element_of(union)
     kind = KIND_OF[type(value)]
-    if kind in FACTS and (before := find(kind, floor, value.name)) is not None:
-        value = msgspec.structs.replace(value, **{each: getattr(before, each) for each in FACTS[kind]})
+    if (kept := fact_keys(kind)) and (before := find(kind, floor, value.name)) is not None:
+        value = msgspec.structs.replace(value, **{each: getattr(before, each) for each in kept})
     return value
 
 

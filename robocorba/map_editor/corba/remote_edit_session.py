@@ -71,9 +71,9 @@ class RemoteMapEditor:
     def _with_facts(self, part: Selection, records: Sequence[Any]) -> list[tuple[Element, int]]:
         """The elements of records of one kind and floor, with their facts and versions."""
         found = {value.name: value for value in (maps.element_of(record.value) for record in records)}
-        if part.kinds[0] in maps.FACTS:
+        if known := maps.fact_keys(part.kinds[0]):
             for fact in self._editor.call(lambda editor: list(facts_of(editor, part))):
-                if fact.id.name in found:
+                if fact.id.name in found and fact.key in known:
                     found[fact.id.name] = maps.with_fact(found[fact.id.name], fact)
         return [(value, record.changedAt) for value, record in zip(found.values(), records, strict=True)]
 

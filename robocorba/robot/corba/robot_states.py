@@ -13,8 +13,6 @@ from robocorba.orb.exceptions import register, register_with
 from robocorba.orb.structs import Converter, enumeration, struct_converter
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.data_pool.plans import Plan
-from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.session import SessionState
@@ -100,15 +98,6 @@ def agent_state(state: AgentState) -> Any:
 def agent_state_of(struct: Any) -> AgentState:
     state: AgentState = _AGENT_STATE.from_idl(struct)
     return state
-
-
-def link_poses(state: AgentState) -> Any:
-    """A RobotLinks struct."""
-    actor, found = state.actor, {}
-    if len(actor.joints) == len(JOINTS):  # a body of its own, since they are not thread-safe
-        found = SmartPalBody().links_at((actor.x, actor.y, actor.heading), actor.joints)
-    links = [RoboCorba.LinkPose(name, *at.tolist(), *np.roll(turn, -1).tolist()) for name, (at, turn) in found.items()]
-    return RoboCorba.RobotLinks(actor.time, state.at.floor, links)
 
 
 def program_check(report: CheckReport) -> Any:

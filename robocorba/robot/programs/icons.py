@@ -358,7 +358,7 @@ class CooperativeIcon(_Icon, frozen=True):
 
 class MoveTable(CooperativeIcon, frozen=True):
     """Carry a table together with other robots: the mission layer makes the icons of each of them. Without `carriers`
-    as many carry as its mass needs."""
+    its mass decides."""
 
     table: Text
     to: Destination
