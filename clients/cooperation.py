@@ -16,7 +16,7 @@ from shapely import MultiPoint, Point
 
 from robocorba.clients.cooperative_planners import planner_of
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import IllegalOrder, MissionFailed, StalePlan
+from robocorba.errors.robots import IllegalOrder, MissionFailed, RobotError, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.map_editor.spatial.pose import Pose2D
@@ -40,6 +40,7 @@ from robocorba.missions.transport import Transport
 from robocorba.orb.orb import Orb
 from robocorba.planning.request import Place
 from robocorba.robot.agent import ControlAgent
+from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.robot.corba.robot_channel import RobotChannel
 from robocorba.robot.data_pool.plans import Plans
 from robocorba.robot.data_pool.pool import DataPool
@@ -55,8 +56,8 @@ from robocorba.system.decoding import convert
 PUBLISH_TIMEOUT_S = 5.0
 #: Number of latest plans that the leader's data pool keeps.
 MAX_PLANS_KEPT = 20
-#: Timeout to find the Omni database for a record of a mission [s].
-RECORD_RESOLVE_S = 1.0
+#: Timeouts to find the Omni database for a record of a mission, and a leader's data pool [s].
+RECORD_RESOLVE_S = POOL_RESOLVE_S = 1.0
 _log = logging.getLogger(__name__)
 
 
@@ -104,7 +105,9 @@ class Cooperation:
         succession = Succession(self._name, self._records, self._leaders.leads, _Successor(agent, self))
         self._closing.callback(succession.close)
         transport = Transport(channel, self._name)
-        self._missions = missions = MissionAgent(transport, agent, locate, on_orphaned=succession.begin).start()
+        self._missions = missions = MissionAgent(
+            transport, agent, locate, on_orphaned=succession.begin, plan_of=self._plan_of
+        ).start()
         self._closing.callback(missions.close)
         self._agent, self._pool = agent, pool
 
@@ -265,6 +268,15 @@ class Cooperation:
             Seen(each.name, False, shapely.convex_hull(MultiPoint(each.corners)), each.vx, each.vy, each.number)
             for each in objects
         ]
+
+    def _plan_of(self, leader: str, mission: str) -> CooperativePlan | None:
+        """A plan in its leader's data pool."""
+        try:
+            stored = RemotePool(self._orb, leader, POOL_RESOLVE_S).plan(mission)
+            return StoredPlan.decode(stored.content).plan
+        except (NotReachable, RobotError, msgspec.ValidationError, msgspec.DecodeError) as error:
+            _log.info("the plan of mission %s can't be read in the data pool of %s: %s", mission, leader, error)
+            return None
 
     def _store_plan(self, plan: CooperativePlan, phase: str) -> None:
         """Store the plan in the data pool, where other robots and clients can read it."""

@@ -15,7 +15,9 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
-from robocorba.map_editor.corba.remote_map import path_node_positions
+from robocorba.map_editor.corba.remote_map import elements_of_floor, path_node_positions
+from robocorba.map_editor.geometry import subnet_at
+from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.missions import carry_planning
 from robocorba.orb.calls import error_of
@@ -49,7 +51,7 @@ from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.registry import Description, Pose
 from robocorba.system import logs
 from robocorba.system.kernel_store import store
-from robocorba.system.names import MISSIONS, ROBOTS
+from robocorba.system.names import CHANNELS, MISSIONS, ROBOTS
 from robocorba.system.printing import fail
 from robocorba.system.private_files import claim_state
 from robocorba.system.processes import RobotProgress
@@ -101,6 +103,24 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
     raise PlaceTaken(floor, 0.0, 0.0, "all path nodes and the places near them are occupied; give a place by --at X,Y")
 
 
+def channel_for(orb: Orb, wanted: str | None, at: Pose) -> str:
+    """The event channel of a robot that has logged on: `wanted`, by default that of the sub-network of its area if
+    there is such a channel; empty for none."""
+    channel, source = wanted or "", ""
+    try:
+        if wanted is None:
+            areas = [area for _, area in elements_of_floor(orb, ElementKind.AREA, at.floor)]
+            channel, source = subnet_at(areas, (at.x, at.y)), "the sub-network of its area, "
+        known = orb.names(CHANNELS)
+    except (RoboCorbaError, CORBA.Exception) as error:
+        _log.warning("channels and sub-networks are unknown: %s", error_of(error))
+        return channel if wanted else ""
+    if channel and channel not in known:
+        there = ", ".join(sorted(known)[:40]) or "none"
+        _log.warning("%s%s, has no event channel; there are %s", source, channel, there)
+    return channel if wanted or channel in known else ""
+
+
 def progress_of(shown: Display, report: ProgramReport) -> RobotProgress:
     """What the robot shows, and how its last task has ended: a failure is shown already."""
     is_said = report.result in (ProgramResult.NO_RESULT, ProgramResult.FAILED)
@@ -146,13 +166,14 @@ def run(arguments: Sequence[str] | None) -> None:
         planner = RemotePlanner(orb)
         # Before logging on: while kernels compile, the robot sends no heartbeat, and its lease would expire.
         checker = Checker(planner)
-        if settings.channel:
+        if settings.channel != "":
             carry_planning.warm_up()
         session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE_LIMITS))
         log_on(session, orb, settings)
+        channel = channel_for(orb, settings.channel, session.state().at)
         plans = Plans()
         reports = settings.common.state / MISSIONS
-        others = Cooperation(orb, settings.channel, settings.name, plans, reports)
+        others = Cooperation(orb, channel, settings.name, plans, reports)
         stack.callback(others.close)
         ticks = TickFile(settings.tick_file) if settings.tick_file else None
         if ticks:
@@ -197,10 +218,10 @@ def run(arguments: Sequence[str] | None) -> None:
         path = f"{ROBOTS}/{settings.name}"
         pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures, attend), f"{path}/pool")
         # One that was logged off must leave the name to another robot that has logged on by it.
-        servants = {path: RobotAgentServant(agent, pool, settings.channel, others)}
+        servants = {path: RobotAgentServant(agent, pool, channel, others)}
         orb.serve(servants, owns_names=lambda: session.is_logged_on)
-        if settings.channel:
-            stops = RobotChannel(orb, settings.channel, settings.name)
+        if channel:
+            stops = RobotChannel(orb, channel, settings.name)
             stack.callback(stops.close)
             listen_for_stops(stops, settings.name, agent.stop)
         others.start(agent, follower.pool)
@@ -209,6 +230,8 @@ def run(arguments: Sequence[str] | None) -> None:
             run_unless_stopped(agent)
         orb.wait_until_bound(BINDING_LIMIT_S)
         print("ready", flush=True)
+        if not channel:
+            _log.warning("%s has no event channel: it takes part in no mission", settings.name)
         if settings.prints_progress:
             stack.callback(progress.start().close)
         orb.run()

@@ -59,6 +59,9 @@ def move_table(
         str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")
     ],
     leader: LeaderName = "",
+    carriers: Annotated[
+        int | None, typer.Option(metavar="N", min=2, max=6, help="How many robots carry (default: by its mass).")
+    ] = None,
     recovery_timeout: Annotated[
         float | None,
         typer.Option(
@@ -78,7 +81,7 @@ def move_table(
 
     stop = StopSignal()
     with connected("mission", naming) as orb:
-        icon = msgspec.json.encode(MoveTable(table, parse_destination(to), recovery_timeout)).decode()
+        icon = msgspec.json.encode(MoveTable(table, parse_destination(to), recovery_timeout, carriers)).decode()
         control = RemoteMissionControl(orb)
         end = _print_progress(control, control.start(leader, icon), stop)
     line(end.result, f"{end.seconds:.1f} s", *filter(None, [end.reason]))

@@ -17,7 +17,7 @@ from robocorba.console.settings import DEFAULT_PORT
 from robocorba.orb.naming import corbaname
 from robocorba.orb.tls import load_transport
 from robocorba.system.corba.servers import servers
-from robocorba.system.corba.subnets import parse_subnets, remove_former_links
+from robocorba.system.corba.subnets import default_subnets, parse_subnets, remove_former_links, subnets_of_map
 from robocorba.system.extras import require_extra
 from robocorba.system.names import CONSOLE
 from robocorba.system.printing import Console, echo, line
@@ -45,9 +45,12 @@ def up(
         ),
     ] = None,
     subnets: Annotated[
-        str,
-        typer.Option(metavar="NAME,...", help="The sub-networks: each gets an event channel, linked with the others."),
-    ] = "main",
+        str | None,
+        typer.Option(
+            metavar="NAME,...",
+            help="The sub-networks: each gets an event channel, linked with the others [those of the map, else main].",
+        ),
+    ] = None,
     sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor servers.")] = 1,
     start_limit: Annotated[
         float,
@@ -104,7 +107,10 @@ def up(
             raise InvalidSetting("--building", str(building), "there is no such file")
         if tls is not None:
             load_transport()
-        folder, names = StateFolder(settings.state), parse_subnets(subnets)
+        folder = StateFolder(settings.state)
+        names = default_subnets(folder, building) if subnets is None else parse_subnets(subnets)
+        if missing := [name for name in subnets_of_map(folder, building) if name not in names]:
+            line(f"warning: sub-networks of the map without a channel: {', '.join(missing)}", err=True)
         system = System(
             folder=folder,
             naming=naming,

@@ -28,6 +28,9 @@ _log = logging.getLogger(__name__)
 class MemberPolicy:
     """Intervals and timeouts of a member."""
 
+    #: A robot that has offered its help, and for this time [s] receives orders but no assignment, reads the plan in the
+    #: leader's data pool.
+    plan_timeout_s: float = 1.0
     #: The member brakes after this time without orders from its leader [s], twice the interval between them, and drives
     #: on with the next order. Carries have a limit of their own.
     pause_timeout_s: float = 0.2

@@ -52,7 +52,7 @@ class RobotOrder:
     """A robot to start, as by the options of `robocorba robot`.
 
     floor: empty for the lowest one. at: x, y [m] and heading [rad] on the floor, None for the first free path node.
-    channel: of its sub-network, empty for none. program: a file to run immediately; None for none."""
+    channel: of its sub-network, empty for that of its area. program: a file to run immediately; None for none."""
 
     name: str
     adaptor: str = "simulated"

@@ -331,7 +331,8 @@ class RobotSettings:
     """Settings of a robot process.
 
     endpoint: None for any port. floor: empty for the first. at: its start there, x, y [m], heading [rad],
-    None for a free path node. channel: of its sub-network, empty for none. tick_file: CSV file with one row for each
+    None for a free path node. channel: of its sub-network, empty for none, None for that of the
+    area in which it logs on. tick_file: CSV file with one row for each
     control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
     changes."""
 
@@ -343,7 +344,7 @@ class RobotSettings:
     program: Path | None
     floor: str
     at: tuple[float, float, float] | None
-    channel: str
+    channel: str | None
     tick_file: Path | None
     prints_progress: bool
 
@@ -366,7 +367,11 @@ class RobotSettings:
         parser.add_argument("--program", type=Path, metavar="FILE", help="a program to run immediately")
         parser.add_argument("--floor", default="", metavar="F", help="the floor on which to start")
         parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="start pose on the floor [m, rad]")
-        parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
+        parser.add_argument(
+            "--channel",
+            metavar="C",
+            help="the event channel of its sub-network; default: that of the area in which it logs on",
+        )
         parser.add_argument(
             "--record",
             type=Path,

@@ -6,6 +6,7 @@ import io
 import json
 import math
 import os
+import pathlib
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,18 +25,22 @@ from robocorba.commands.path import as_table, parse_place
 from robocorba.commands.up import as_table as as_system_table
 from robocorba.errors.paths import InvalidRequest
 from robocorba.events.corba.event_client import Event
+from robocorba.map_editor import native
+from robocorba.map_editor.model import Area, ElementKind
+from robocorba.map_editor.store import MapStore
 from robocorba.planning.request import IndexedNames, Path, Place, PointKind
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, PhaseRecord
 from robocorba.stubs import RoboCorba
 from robocorba.system.corba.servers import probe_of, servers
-from robocorba.system.corba.subnets import parse_subnets
+from robocorba.system.corba.subnets import default_subnets, parse_subnets, subnets_of_map
 from robocorba.system.processes import RobotOrder, RobotProgress
 from robocorba.system.settings import InvalidSetting
-from robocorba.system.state_folder import ProcessRecord, SystemRecord
+from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.system.supervision.fleet import Row, row_of
 from robocorba.system.supervision.launch import module_command
 from robocorba.system.supervision.process import Supervised
 from robocorba.system.supervision.robots import ProgressLines
+from testkit.buildings import two_floors, with_all
 
 
 def event(payload: Any, **more: Any) -> Event:
@@ -181,6 +186,20 @@ def test_channels_have_all_others_as_peers() -> None:
             parse_subnets(text)
         assert refused.value.setting == "--subnets"
         assert reason in refused.value.reason
+
+
+def test_channels_default_to_the_sub_networks_of_the_map(tmp_path: pathlib.Path) -> None:
+    folder, file = StateFolder(tmp_path), tmp_path / "map.yaml"
+    room = Area("room", ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), "hall")
+    rooms = [msgspec.structs.replace(room, name=name, subnet=name) for name in ("lab", "two words")]
+    native.save(with_all(two_floors().without(ElementKind.AREA, "L1", "room"), [("L1", room), ("L2", rooms[0])]), file)
+    assert default_subnets(folder, None) == ("main",)
+    assert default_subnets(folder, file) == ("hall", "lab")
+    MapStore.create(tmp_path / "map.sqlite", native.load(file).with_element("L2", rooms[1])).close()
+    assert subnets_of_map(folder, None) == ("hall", "lab", "two words")
+    assert default_subnets(folder, None) == ("hall", "lab")
+    file.write_text("subnet: [")
+    assert default_subnets(folder, file) == ("main",)
 
 
 IDLE = Row("R1", "L1", "waiting", "", 0, "")

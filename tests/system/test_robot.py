@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -25,6 +26,7 @@ from robocorba.robot.programs.program import dumps
 from robocorba.simulation.corba.registered_robots import RegisteredRobots
 from robocorba.stubs import RoboCorba
 from testkit.processes import Running, command_line, drain, eventually, hang, is_running, refusal
+from tests.robot.kinematics.postures import links_by_urdf
 from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -98,6 +100,22 @@ def test_agents_refuse_what_makes_no_sense_and_wait_for_each_other(start: StartR
     d.run()
     c.run()
     assert [ended(agent).program.result for agent in agents] == [ProgramResult.DONE, ProgramResult.DONE]
+
+
+def test_where_the_links_of_a_robot_are(start: StartRobot, system_orb: Orb) -> None:
+    agent = start("L", "--at", "3,5,0.7")
+    agent.load(dumps(ProgramBuilder("reach").mhand_posture("both", "reach").mbase_by(turn=0.5).program()))
+    agent.run()
+    assert ended(agent).program.result is ProgramResult.DONE
+    state = agent.state()
+    found = system_orb.resolve("Robots/L", RoboCorba.RobotAgent)._get_linkPoses()
+    assert (found.onFloor, found.time >= state.actor.time) == ("L1", True)
+    expected = links_by_urdf((state.at.x, state.at.y, state.at.heading), state.actor.joints)
+    assert {link.link for link in found.links} == {"base", *expected}
+    for link in found.links[1:]:
+        position, attitude = expected[link.link]
+        assert (link.x, link.y, link.z) == pytest.approx(position, abs=0.002), link.link
+        assert abs(np.dot((link.qw, link.qx, link.qy, link.qz), attitude)) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_an_emergency_stop_by_the_command(start: StartRobot, system_orb: Orb, robocorba: Start) -> None:

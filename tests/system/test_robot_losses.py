@@ -106,7 +106,7 @@ def building() -> Building:
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     folder = tmp_path_factory.mktemp("system")
     native.save(building(), folder / "building.yaml")
-    with running_system(folder, "--building", "building.yaml") as (running, _):
+    with running_system(folder, "--building", "building.yaml", "--subnets", "main") as (running, _):
         yield running
 
 

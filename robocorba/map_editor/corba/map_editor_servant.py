@@ -55,7 +55,11 @@ class TransactionServant(RoboCorba__POA.Transaction):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> None:
-        self._transaction.change(onFloor, maps.element_of(value), expected)
+        self._transaction.change(onFloor, maps.replacement_of(value, onFloor, self._transaction.find), expected)
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> None:
+        self._transaction.change(*maps.edited(fact, self._transaction.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> None:
@@ -130,7 +134,11 @@ class EditSessionServant(RoboCorba__POA.EditSession):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> int:
-        return self._session.change(onFloor, maps.element_of(value), expected)
+        return self._session.change(onFloor, maps.replacement_of(value, onFloor, self._session.find), expected)
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> int:
+        return self._session.change(*maps.edited(fact, self._session.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:
@@ -200,7 +208,15 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> int:
-        return self._editor.change(onFloor, maps.element_of(value), expected)
+        return self._editor.change(onFloor, maps.replacement_of(value, onFloor, self._editor.building.find), expected)
+
+    @translating
+    def readFacts(self, part: Any) -> list[Any]:
+        return maps.facts_of(self._editor.building, maps.selection_of(part))
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> int:
+        return self._editor.change(*maps.edited(fact, self._editor.building.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:

@@ -13,6 +13,8 @@ from robocorba.planning.corba import paths
 from robocorba.robot import model_switcher
 from robocorba.robot.agent import ControlAgent
 from robocorba.robot.corba import robot_states
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.programs import program
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
@@ -83,6 +85,15 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
 
     def _get_mission(self) -> str:
         return self._missions.mission
+
+    @translating
+    def _get_linkPoses(self) -> Any:
+        state = self._agent.state
+        actor, found = state.actor, {}
+        if len(actor.joints) == len(JOINTS):  # a body of its own, since they are not thread-safe
+            found = SmartPalBody().links_at((actor.x, actor.y, actor.heading), actor.joints)
+        links = [RoboCorba.LinkPose(name, *at, *turn[1:], turn[0]) for name, (at, turn) in found.items()]
+        return RoboCorba.RobotLinks(actor.time, state.at.floor, links)
 
     @translating
     def checkProgram(self, json: str) -> Any:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.robot.kinematics.model import Link, links
 from robocorba.robot.kinematics.pose import HandPose, rotation_of
 from robocorba.robot.kinematics.smartpal import JOINTS, Side
@@ -79,6 +80,18 @@ class SmartPalBody:
                 )
             attitudes[link.name] = np.array([w, x, y, z])
         return {name: (position, attitudes[name]) for name, (position, _) in self.frames(joints).items()}
+
+    def links_at(self, pose: Pose2D, joints: Floats) -> dict[str, tuple[Floats, Floats]]:
+        """The same in the frame in which the base is at x, y [m], heading [rad]; z from its ground."""
+        x, y, heading = pose
+        cosine, sine = math.cos(heading), math.sin(heading)
+        turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+        c, s = math.cos(heading / 2.0), math.sin(heading / 2.0)
+        found = {}
+        for name, (at, (w, x, y, z)) in self.links(joints).items():
+            attitude = np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
+            found[name] = (turn @ at + (x, y, 0.0), attitude)
+        return found
 
     def collisions(self, joints: Floats) -> list[tuple[str, str]]:
         """Sorted pairs of links that collide; neighbouring links may overlap."""

@@ -358,11 +358,13 @@ class CooperativeIcon(_Icon, frozen=True):
 
 
 class MoveTable(CooperativeIcon, frozen=True):
-    """Carry a table together with other robots: the mission layer makes the icons of each of them."""
+    """Carry a table together with other robots: the mission layer makes the icons of each of them. Without `carriers`
+    its mass decides."""
 
     table: Text
     to: Destination
     recovery_timeout: RecoveryTimeout | None = None
+    carriers: Annotated[int, Meta(ge=2, le=6)] | None = None
 
     @property
     def moved(self) -> str:
