@@ -21,7 +21,7 @@ MAX_TEXT = 500
 #: The modules of robocorba/ that register errors.
 SUBJECTS = (
     *("events.corba.events", "map_editor.corba.maps", "missions.corba.missions", "orb.guarded_names"),
-    *("planning.corba.paths", "robot.corba.robot_states", "simulation.corba.scans"),
+    *("planning.corba.paths", "robot.corba.robot_states", "robot.corba.senses", "simulation.corba.scans"),
     *("simulation.corba.sessions", "system.corba.processes"),
 )
 
