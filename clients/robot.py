@@ -28,6 +28,7 @@ from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstac
 from robocorba.robot.agent import AgentCalls, AgentState, ControlAgent
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
+from robocorba.robot.corba.adaptor_servant import RobotSensorsServant
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
 from robocorba.robot.corba.remote_data_pool import PoolFollower, floor_now
@@ -47,6 +48,7 @@ from robocorba.robot.programs.checker import Start, check
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.realtime import raise_process_priority
+from robocorba.robot.senses import Senses, program_ranges_m
 from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.registry import Description, Pose
 from robocorba.system import logs
@@ -78,9 +80,11 @@ class Checker:
         state: AgentState,
         objects: TemporaryObstacles = NO_OBSTACLES,
         robots: TemporaryObstacles = NO_OBSTACLES,
+        senses: Senses | None = None,
     ) -> CheckReport:
-        at = state.at
-        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints, objects, robots)
+        at, ranges_m = state.at, program_ranges_m(senses)
+        place = Place(at.floor, at.x, at.y)
+        start = Start(place, at.heading, state.actor.joints, objects, robots, state.adaptor, ranges_m)
         # Kinematics of its own: they are not thread-safe, and are built in 3 ms.
         return check(wanted, InverseKinematics(), self._planner, start)
 
@@ -200,7 +204,7 @@ def run(arguments: Sequence[str] | None) -> None:
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
             follower.attend()
             objects = nearby.movable_objects(session.latest.holding)
-            return checker(wanted, state, objects, nearby.parked_robots())
+            return checker(wanted, state, objects, nearby.parked_robots(), agent.senses)
 
         context = AdaptorContext(settings.name, session, orb)
         agent = ControlAgent(context, planner, others, nearby, ticks, AgentCalls(check_now, prepare, progress.wake))
@@ -217,8 +221,9 @@ def run(arguments: Sequence[str] | None) -> None:
 
         path = f"{ROBOTS}/{settings.name}"
         pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures, attend), f"{path}/pool")
+        sensors = orb.activate(RobotSensorsServant(lambda: agent.senses), f"{path}/sensors")
         # One that was logged off must leave the name to another robot that has logged on by it.
-        servants = {path: RobotAgentServant(agent, pool, channel, others)}
+        servants = {path: RobotAgentServant(agent, pool, sensors, channel, others)}
         orb.serve(servants, owns_names=lambda: session.is_logged_on)
         if channel:
             stops = RobotChannel(orb, channel, settings.name)

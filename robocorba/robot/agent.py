@@ -30,10 +30,12 @@ from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.robot.programs.base_checks import Planner
+from robocorba.robot.programs.checker import check_sensors
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.robot import Robot
 from robocorba.robot.runner import OtherRobots, Runner
+from robocorba.robot.senses import Senses, program_ranges_m
 from robocorba.robot.session import SessionState, once_back
 from robocorba.robot.teleoperation import Teleoperation, check_order
 from robocorba.robot.tick_file import TickFile
@@ -195,6 +197,10 @@ class ControlAgent:
             robot = self.robot
             if self._program is None:
                 raise IllegalOrder("run a program", "has none loaded")
+            lacking = CheckReport()  # since the program was loaded, the adaptor may have been switched
+            check_sensors(self._program, lacking, self._adaptor, program_ranges_m(self.senses))
+            for finding in lacking.findings:
+                raise IllegalOrder("run the loaded program", f"can't sense what it needs: {finding}")
             robot.execution.reset(is_stepping)
             self._begin(Runner(self._program, robot, self._others, mission))
 
@@ -357,6 +363,11 @@ class ControlAgent:
         if self._controller is None:
             raise RobotLost(f"{self.name} was not started")
         return self._controller.state.joints
+
+    @property
+    def senses(self) -> Senses | None:
+        """What the robot behind the present adaptor senses; None without sensors."""
+        return self._controller.senses if self._controller else None
 
     def refresh(self) -> None:
         """Read the robot's state now if it rests."""

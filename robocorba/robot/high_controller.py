@@ -26,6 +26,7 @@ from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_
 from robocorba.robot.motion.motion import Motion, MotionCommand
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.robot.realtime import use_realtime_scheduling
+from robocorba.robot.senses import Senses
 from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.registry import LEASE_S
 from robocorba.system.background import Background
@@ -176,6 +177,11 @@ class HighController:
     @property
     def is_closed(self) -> bool:
         return self._closing.is_set()
+
+    @property
+    def senses(self) -> Senses | None:
+        """What the robot behind the adaptor senses; None without sensors."""
+        return self._adaptor.senses
 
     # ---- motions ----
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fnmatch
+import functools
 import re
 import threading
 import time
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import MotionFailed
+from robocorba.errors.robots import MotionFailed, ServerAway
 from robocorba.robot.agent_state import IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.execution_control import CHECK_INTERVAL_S, Aborted, SensorStop
 from robocorba.robot.programs import hands, icons
@@ -20,6 +21,7 @@ from robocorba.robot.programs.icons import Condition, Icon, Outcome, kind, sides
 from robocorba.robot.programs.program import Program, icons_with_paths
 from robocorba.robot.robot import Robot
 from robocorba.system.background import Background
+from robocorba.system.backoff import Backoff
 
 #: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
 BLIND_LIMIT_S = 1.0
@@ -141,10 +143,11 @@ class Runner:
     # ---- conditions ----
 
     def _is_met(self, condition: Condition) -> bool:
-        if isinstance(condition, icons.CloserThan):
-            return self._robot.nearest_m(condition.sensor) < condition.distance
-        if isinstance(condition, icons.FartherThan):
-            return self._robot.nearest_m(condition.sensor) >= condition.distance
+        if isinstance(condition, icons.CloserThan | icons.FartherThan):
+            # A sensor server that restarts is back within two seconds.
+            ask = functools.partial(self._robot.nearest_m, condition.sensor)
+            nearest_m = Backoff(0.02, 0.1).call(ask, 2 * BLIND_LIMIT_S, ServerAway)
+            return (nearest_m < condition.distance) == isinstance(condition, icons.CloserThan)
         if isinstance(condition, icons.Holding):
             return all(self._robot.holds(side) for side in sides(condition.hand))
         if isinstance(condition, icons.Result):

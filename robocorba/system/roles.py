@@ -38,7 +38,7 @@ BY_REFERENCE = frozenset(
         *("CallbackRoute", "EventConsumer", "EventGateway", "GatewayFeed", "IdempotentEventConsumer", "NameRegistry"),
         *("PeerFeed", "PeerGateway"),
         *("EventProxyPullSupplier", "EventProxyPushConsumer", "EventProxyPushSupplier"),
-        *("SensorRegistration", "StopTarget"),
+        *("RobotSensors", "SensorRegistration", "StopTarget"),
         *("SmartPalFaults",),  # of the stand-in, in the robot's own naming service
     }
 )
@@ -82,12 +82,16 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     ),
     "RobotAgent": _rules(
         (EVERYBODY, "_get_release _get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission"),
-        (EVERYBODY, "_get_display _get_linkPoses iconsFrom adaptors"),
+        (EVERYBODY, "_get_display _get_linkPoses _get_sensors iconsFrom adaptors"),
         (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop drive"),
         (OPERATORS, "startMission leadMission abortMission switchAdaptor setSpeedCap"),
     ),
     "RobotAdaptor": _rules(
         (EVERYBODY, "read"),
+        (ROBOTS, "start stop write"),
+    ),
+    "SensingAdaptor": _rules(
+        (EVERYBODY, "read rangeSensors ranges readings"),
         (ROBOTS, "start stop write"),
     ),
     "EventChannel": _rules(

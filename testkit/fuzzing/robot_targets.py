@@ -56,6 +56,8 @@ def of_agents(system: FuzzedSystem) -> Iterator[Target]:
     pool = system.agent._get_pool()
     on_pool = {"changes": [example(1)], "postures": [example(0.0)], "plan": [example("m")]}
     yield Target("DataPool", RoboCorba.DataPool, always(pool), on_pool)
+    sensors, on_sensors = system.agent._get_sensors(), {"ranges": [example("laser")]}
+    yield Target("RobotSensors", RoboCorba.RobotSensors, always(sensors), on_sensors)
     order = RoboCorba.RobotOrder("C", "simulated", [], "L1", True, 9.0, 3.0, 0.0, "a")
     on_supervisor = {
         "startRobot": [example(with_members(order, adaptor="none")), example(with_members(order, channel="none"))],

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
+from robocorba.errors.sensing import UnknownSensor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.robot import model_switcher
 from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCalls, ControlAgent
@@ -206,6 +207,23 @@ def test_another_robot_behind_the_same_agent(
         _ = agent.robot.joints
     agent.switch("simulated", ())
     assert agent.state.adaptor == "simulated"
+
+
+def test_a_loaded_program_does_not_run_on_a_robot_without_its_sensor(
+    agent: ControlAgent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The virtual sensor of the map knows nothing of what stands before an actual robot."""
+    watch = ProgramBuilder("watch")
+    with watch.stop_if_closer("laser", 0.1):
+        watch.mbase_by(ahead=0.05)
+    run(agent, watch.program())
+    switch_to_disc(agent, monkeypatch)
+    with pytest.raises(IllegalOrder, match=r"icons\[0\]\.sensor: the adaptor disc has no sensor laser"):
+        agent.run()
+    with pytest.raises(UnknownSensor, match="'laser'; known are none"):
+        agent.robot.nearest_m("laser")
+    agent.switch("simulated", ())
+    run(agent, watch.program())
 
 
 def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(

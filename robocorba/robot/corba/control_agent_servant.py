@@ -54,10 +54,11 @@ class StopTargetServant(RoboCorba__POA.StopTarget):
 
 
 class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
-    """RoboCorba::RobotAgent. pool: the reference of its data pool. channel: the event channel of its sub-network."""
+    """RoboCorba::RobotAgent. pool, sensors: references of its data pool and its senses. channel: the event channel of
+    its sub-network."""
 
-    def __init__(self, agent: ControlAgent, pool: Any, channel: str, missions: Missions) -> None:
-        self._agent, self._pool, self._channel, self._missions = agent, pool, channel, missions
+    def __init__(self, agent: ControlAgent, pool: Any, sensors: Any, channel: str, missions: Missions) -> None:
+        self._agent, self._pool, self._sensors, self._channel, self._missions = agent, pool, sensors, channel, missions
 
     def _get_name(self) -> str:
         return self._agent.name
@@ -85,6 +86,9 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
 
     def _get_mission(self) -> str:
         return self._missions.mission
+
+    def _get_sensors(self) -> Any:
+        return self._sensors if self._agent.senses else None
 
     @translating
     def _get_linkPoses(self) -> Any:
