@@ -165,7 +165,7 @@ class Cooperation:
         """Lead a mission to its end; `mission` names it, empty for a new name. One that another robot leads is taken
         over if the robot claims it in its present term, and that robot does not answer.
 
-        Raises MissionFailed with the reason, NotReachable."""
+        Raises MissionFailed with the reason; Aborted if a user has aborted it; NotReachable."""
         if not self.is_holding_for(mission):  # else its part in the mission goes on by this clock
             OWN_CLOCK.synchronize()
         about, begun = str(getattr(icon, "table", getattr(icon, "object", ""))), OWN_CLOCK.now()
@@ -192,7 +192,7 @@ class Cooperation:
         for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
             self._plans.remove(old)
         if report.result != "done":
-            raise MissionFailed(report.reason)
+            raise (Aborted if is_aborted else MissionFailed)(report.reason)
 
     def _lead_as(self, mission: str) -> None:
         with self._lock:
