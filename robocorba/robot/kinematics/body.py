@@ -83,14 +83,14 @@ class SmartPalBody:
 
     def links_at(self, pose: Pose2D, joints: Floats) -> dict[str, tuple[Floats, Floats]]:
         """The same in the frame in which the base is at x, y [m], heading [rad]; z from its ground."""
-        x, y, heading = pose
+        place, heading = np.array([*pose[:2], 0.0]), pose[2]
         cosine, sine = math.cos(heading), math.sin(heading)
         turn = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
         c, s = math.cos(heading / 2.0), math.sin(heading / 2.0)
         found = {}
         for name, (at, (w, x, y, z)) in self.links(joints).items():
             attitude = np.array([c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w])
-            found[name] = (turn @ at + (x, y, 0.0), attitude)
+            found[name] = (turn @ at + place, attitude)
         return found
 
     def collisions(self, joints: Floats) -> list[tuple[str, str]]:

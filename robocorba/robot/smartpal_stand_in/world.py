@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from shapely.geometry.base import BaseGeometry
@@ -13,12 +14,14 @@ from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import Frame, turned
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, usual_sensors
-from robocorba.robot.smartpal_stand_in.dynamics import DynamicsState
 from robocorba.robot.smartpal_stand_in.segment import from_frame
 from robocorba.simulation.sensing.noise import disturb
 from robocorba.simulation.sensing.scan import Noise
 from robocorba.simulation.sensing.virtual_sensor import scan_from
 from robocorba.simulation.sensing.visible_obstacles import NO_ROBOT, VisibleObstacles, border_segments
+
+if TYPE_CHECKING:  # it loads MuJoCo
+    from robocorba.robot.smartpal_stand_in.dynamics import DynamicsState
 
 #: Distance from what the base has touched at which the contact has ended [m]: above what it moves in a step.
 PARTING_M = 0.005
