@@ -25,6 +25,7 @@ from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.robot.motion.motion import Motion, MotionCommand
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
+from robocorba.robot.protective_field import ProtectiveField
 from robocorba.robot.realtime import use_realtime_scheduling
 from robocorba.robot.senses import Senses
 from robocorba.simulation.attended_time import AttendedTime
@@ -108,8 +109,9 @@ class HighController:
         stops: StopLatch | None = None,
         calls: Callbacks | None = None,
         timing: Timing = Timing(),
+        field: ProtectiveField | None = None,
     ) -> None:
-        self._adaptor, self._timing, self._calls = adaptor, timing, calls or Callbacks()
+        self._adaptor, self._timing, self._calls, self._field = adaptor, timing, calls or Callbacks(), field
         self.speed_cap = min(SPEED_CAP, BASE_LIMITS.speed)
         self.argv: Sequence[str] = ()
         self._stops = stops or StopLatch()
@@ -161,6 +163,8 @@ class HighController:
         self.argv = argv
         with self._adaptor_in_use:
             self._begin()
+        if self._field:
+            self._field.start(self.cancel)
         self._start_loop()
 
     def close(self) -> None:
@@ -171,6 +175,8 @@ class HighController:
         if self._loop:
             self._loop.join(self._timing.end_limit_s)
         self._stop_adaptor()
+        if self._field:
+            self._field.close()
 
     @property
     def is_closed(self) -> bool:
@@ -516,7 +522,7 @@ class HighController:
 
     def _command(self, state: RobotState) -> ActorCommand:
         wanted = self._motion_command(state)
-        velocity = self._limited(wanted.velocity, state.heading)
+        velocity = self._next_velocity(wanted.velocity, state)
         joints, velocities = wanted.joints, wanted.joint_velocities
         if joints is None or velocities is None:
             joints, velocities = self._targets, np.zeros(len(self._targets))
@@ -544,22 +550,37 @@ class HighController:
             self._end_motion(MotionFailed(f"{type(error).__name__}: {error}"))
         return MotionCommand()
 
-    def _limited(self, wanted: Velocity, heading: float) -> Velocity:
-        """Limit a velocity to the cap and to the base's acceleration, the latter in the building's frame: in the frame
-        of a turning robot, even a constant velocity changes its direction."""
-        ahead, left, turn = wanted
-        speed = math.hypot(ahead, left)
-        if speed > self.speed_cap:
-            ahead, left = ahead * self.speed_cap / speed, left * self.speed_cap / speed
+    def _next_velocity(self, wanted: Velocity, state: RobotState) -> Velocity:
+        """What to command for a wanted velocity, within the limits and the protective field."""
+        (vx, vy), turn = turned(wanted[0], wanted[1], state.heading), wanted[2]
+        cap, field = self.speed_cap, self._field
+        if field:
+            field.observe(state)
+            if vx or vy or any(self._velocity[:2]):
+                field.attend()
+            try:
+                cap = min(cap, field.hold(vx, vy))
+            except MotionFailed as error:
+                self._end_motion(error)
+                cap = 0.0
+        found = self._limited(vx, vy, turn, cap)
+        if field and math.hypot(*found[:2]) > field.allowed_m_s(*found[:2]):
+            found = self._limited(0.0, 0.0, turn, 0.0)  # brake in the direction in which it drives
+        self._velocity = found
+        return *turned(found[0], found[1], -state.heading), found[2]
+
+    def _limited(self, wanted_x: float, wanted_y: float, turn: float, cap: float) -> Velocity:
+        """Limit a velocity to the cap and to the base's acceleration, in the building's frame: in the frame of a
+        turning robot, even a constant velocity changes its direction."""
+        speed = math.hypot(wanted_x, wanted_y)
+        if speed > cap:
+            wanted_x, wanted_y = wanted_x * cap / speed, wanted_y * cap / speed
         turn = min(max(turn, -BASE_LIMITS.turn_speed), BASE_LIMITS.turn_speed)
         vx, vy, turning = self._velocity
-        wanted_x, wanted_y = turned(ahead, left, heading)
         dx, dy = wanted_x - vx, wanted_y - vy
         share = min(1.0, BASE_LIMITS.acceleration * TICK_S / max(math.hypot(dx, dy), 1e-12))
         step = BASE_LIMITS.turn_acceleration * TICK_S
-        turning += min(max(turn - turning, -step), step)
-        self._velocity = vx + dx * share, vy + dy * share, turning
-        return *turned(self._velocity[0], self._velocity[1], -heading), turning
+        return vx + dx * share, vy + dy * share, turning + min(max(turn - turning, -step), step)
 
     def _end_motion(self, error: RobotError | None) -> None:
         with self._lock:

@@ -34,11 +34,11 @@ WALL_M = 0.02
 
 
 class Blocked(MotionFailed):
-    """An obstacle blocks the robot: the robot `other`, or a wall or an object if that is None."""
+    """An obstacle blocks the robot: the robot `other`, or if that is None a wall or an object, or what was `seen`."""
 
-    def __init__(self, state: RobotState, other: OtherRobot | None) -> None:
+    def __init__(self, state: RobotState, other: OtherRobot | None, seen: str = "a wall or an object is") -> None:
         self.other = other
-        blocker = f"{other.name} is" if other else "a wall or an object is"
+        blocker = f"{other.name} is" if other else seen
         super().__init__(f"blocked at ({state.x:.2f}, {state.y:.2f}): {blocker} in the way")
 
 
