@@ -28,8 +28,8 @@ from robocorba.robot.senses import RangeSensor, Senses
 from robocorba.simulation.sensing.scan import PROXIMITY
 from robocorba.system.repeating import Repeating
 
-#: Distance before which the base stands [m].
-MARGIN_M = 0.05
+#: Distance before which the base stands [m]: 5 cm, and 1 cm for corners between two rays and for noise.
+MARGIN_M = 0.06
 #: What is at least this far beside the driving robot does not stop it [m]; within MARGIN_M it passes at CRAWL_M_S.
 SIDE_M, CRAWL_M_S = 0.01, 0.15
 #: Braking that the field counts on [m/s^2]; the rest of the limit compensates for a base that follows late.

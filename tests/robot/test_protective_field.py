@@ -31,7 +31,7 @@ from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import Mount, ScanSpec
 
 TICK_S, RADIUS_M, MARGIN_M = 0.02, 0.40, 0.05
-#: Between two rays a corner comes nearer than both hit points, by at most half their distance [m].
+#: Between two rays a corner is nearer than both their ends, by at most half of what lies between these [m].
 BETWEEN_RAYS_M = 0.006
 #: Beside a robot that passes slowly.
 SLOW_M_S, BESIDE_M = 0.15, 0.01
@@ -191,7 +191,7 @@ LATE = st.builds(Lateness, st.floats(0.0, 0.3), st.floats(0.0, 0.1))
 def test_a_base_stands_before_what_is_in_its_way(
     lines: Lines, late: Lateness, speed: float, bearing: float, turn: float, heading: float
 ) -> None:
-    assume(gap_m(lines, (0.0, 0.0)) > MARGIN_M + 0.01)
+    assume(gap_m(lines, (0.0, 0.0)) > MARGIN_M + 0.02)
     world = World(lines, late, heading)
     motion = DriveAt((speed * math.cos(bearing), speed * math.sin(bearing), turn), 5.0)
     try:
@@ -200,7 +200,7 @@ def test_a_base_stands_before_what_is_in_its_way(
         assert error.sensor == "laser"
         assert error.distance_m < MARGIN_M + 0.3
     for _, _, _, speed_m_s, distance_m in world.track:
-        assert distance_m > MARGIN_M - BETWEEN_RAYS_M or speed_m_s <= SLOW_M_S + 0.02
+        assert distance_m >= MARGIN_M or speed_m_s <= SLOW_M_S + 0.02
         assert distance_m > BESIDE_M - BETWEEN_RAYS_M
 
 
@@ -210,7 +210,7 @@ def test_it_stands_at_least_five_centimetres_before_a_thing_ahead(
     thing: Lines, late: Lateness, speed: float, share: float
 ) -> None:
     middle = thing[:, 0].mean(axis=0)
-    assume(gap_m(thing, (0.0, 0.0)) > MARGIN_M + 0.01)
+    assume(gap_m(thing, (0.0, 0.0)) > MARGIN_M + 0.02)
     side_m = math.dist(*thing[0])
     bearing = math.atan2(middle[1], middle[0])
     off = share * side_m
@@ -220,8 +220,8 @@ def test_it_stands_at_least_five_centimetres_before_a_thing_ahead(
         controller(world).drive(world, DriveAt((speed * math.cos(bearing), speed * math.sin(bearing), 0.0), 90.0))
     _, _, _, at_end_m_s, distance_m = world.track[-1]
     assert at_end_m_s == 0.0
-    assert min(row[4] for row in world.track) > MARGIN_M - BETWEEN_RAYS_M
-    assert distance_m < MARGIN_M + 0.03
+    assert min(row[4] for row in world.track) >= MARGIN_M
+    assert distance_m < MARGIN_M + 0.04
 
 
 @settings(deadline=None, max_examples=20)
@@ -258,8 +258,8 @@ def test_it_passes_a_doorway(gap: float) -> None:
 
 def test_a_goal_at_the_margin_before_a_wall_is_reached() -> None:
     world = World(np.array([[(2.0, -3.0), (2.0, 3.0)]]))
-    controller(world).drive(world, Drive([(2.0 - RADIUS_M - MARGIN_M - 0.002, 0.0)], None, 1.0, Limits()))
-    assert world.track[-1][4] == pytest.approx(MARGIN_M, abs=0.005)
+    controller(world).drive(world, Drive([(2.0 - RADIUS_M - MARGIN_M - 0.012, 0.0)], None, 1.0, Limits()))
+    assert world.track[-1][4] == pytest.approx(MARGIN_M + 0.01, abs=0.005)
 
 
 def test_it_turns_beside_anything() -> None:
