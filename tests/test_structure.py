@@ -22,7 +22,7 @@ DOMAIN = {
     "map_editor": "errors",
     "robot.motion": "errors map_editor.spatial",
     "robot.kinematics": "errors map_editor.spatial",
-    "robot.smartpal_stand_in": "errors map_editor.spatial robot.kinematics",
+    "robot.smartpal_stand_in": "errors map_editor.spatial robot.kinematics robot.senses simulation.sensing",
     "planning": "errors map_editor",
     "robot.data_pool": "errors map_editor",
     "simulation": "errors map_editor planning",

@@ -422,7 +422,11 @@ class SmartPalSettings:
     service, not that of `robocorba up`.
 
     seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad].
-    restores_servo, unlocks_by_power, limit_slack: see UnitPolicy."""
+    restores_servo, unlocks_by_power, limit_slack: see UnitPolicy.
+
+    world: the map file of what really stands around it, None for a robot without sensors. world_floor: its floor there,
+    empty for the first one. world_at: where it really is, whatever its odometry says. range_noise_m, range_lost: of its
+    distances."""
 
     server: ServerSettings
     seed: int
@@ -430,11 +434,17 @@ class SmartPalSettings:
     restores_servo: bool
     unlocks_by_power: bool
     limit_slack: float
+    world: Path | None
+    world_floor: str
+    world_at: tuple[float, float, float]
+    range_noise_m: float
+    range_lost: float
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SmartPalSettings:
         """From the arguments of ServerSettings and `[--seed N] [--x M] [--y M] [--heading RAD] [--servo-after-fault
-        on|off] [--unlock power|unlock] [--limit-slack SHARE]`. Raises as ServerSettings.read does."""
+        on|off] [--unlock power|unlock] [--limit-slack SHARE] [--world FILE] [--world-floor NAME] [--world-at X Y
+        HEADING] [--range-noise M] [--range-lost SHARE]`. Raises as ServerSettings.read does."""
         parser = ServerSettings.parser(description)
         parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
         for coordinate in ("x", "y", "heading"):
@@ -456,6 +466,12 @@ class SmartPalSettings:
         parser.add_argument(
             "--limit-slack", type=float, default=1e-7, metavar="SHARE", help="by which speeds may exceed their limits"
         )
+        parser.add_argument("--world", type=Path, metavar="FILE", help="map of what really stands around it")
+        parser.add_argument("--world-floor", default="", metavar="NAME", help="its floor there, by default the first")
+        where = ("X", "Y", "HEADING")
+        parser.add_argument("--world-at", type=float, nargs=3, metavar=where, help="its place there; else its odometry")
+        parser.add_argument("--range-noise", type=float, default=0.0, metavar="M", help="deviation of distances [m]")
+        parser.add_argument("--range-lost", type=float, default=0.0, metavar="SHARE", help="of rays without an echo")
         given = parser.parse_args(arguments)
         if given.seed < 0:
             raise InvalidSetting("--seed", str(given.seed), "less than 0")
@@ -464,13 +480,25 @@ class SmartPalSettings:
                 raise InvalidSetting(f"--{coordinate}", str(getattr(given, coordinate)), "not a finite number")
         if not 0.0 <= given.limit_slack <= 0.1:
             raise InvalidSetting("--limit-slack", str(given.limit_slack), "not 0 to 0.1")
+        start = (given.x, given.y, given.heading)
+        world_at = tuple(given.world_at or start)
+        if not all(map(math.isfinite, world_at)):
+            raise InvalidSetting("--world-at", str(world_at), "not three finite numbers")
+        for setting, value in (("--range-noise", given.range_noise), ("--range-lost", given.range_lost)):
+            if not 0.0 <= value <= 1.0:
+                raise InvalidSetting(setting, str(value), "not 0 to 1")
         return cls(
             ServerSettings.from_arguments(given),
             given.seed,
-            (given.x, given.y, given.heading),
+            start,
             restores_servo=given.servo_after_fault == "on",
             unlocks_by_power=given.unlock == "power",
             limit_slack=given.limit_slack,
+            world=given.world,
+            world_floor=given.world_floor,
+            world_at=world_at,
+            range_noise_m=given.range_noise,
+            range_lost=given.range_lost,
         )
 
 
