@@ -22,7 +22,7 @@ from bench.common.harness import folder_of_bench, progress, run
 from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, Building, Floor, MapObject
 from robocorba.orb.orb import Orb
-from robocorba.robot.agent_state import AgentState, ProgramReport, ProgramResult
+from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramReport, ProgramResult
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
@@ -30,11 +30,11 @@ from robocorba.robot.programs.program import dumps
 from robocorba.stubs import RoboCorba
 from testkit.actual_robot import running_stand_in
 from testkit.buildings import with_all
-from testkit.processes import eventually, running_system
+from testkit.processes import running_system
 from testkit.report import Mark, at_least, at_most, distribution, quantile, summarize
 from testkit.virtual_and_actual import robot_process
 
-ROBOT, FLOOR, LIMIT_S = "A", "L1", 120.0
+ROBOT, FLOOR, LIMIT_S, MAX_TRIALS = "A", "L1", 120.0, 20
 #: Side of the hall and of the chair, and distance from which the robot drives at the chair's middle [m].
 HALL_M, CHAIR_M, FROM_M = 12.0, 0.45, 2.4
 #: The base stands at most before the chair at this distance, and at least [m].
@@ -68,49 +68,51 @@ class Stage:
 
     def __init__(self, agent: RemoteAgent, contacts: Callable[[], float]) -> None:
         self.agent, self.contacts = agent, contacts
-        self._side = math.pi
+        self._side, self._bearing = math.pi, 0.0
 
-    def approach(self, speed: float, choice: random.Random, waits: bool = False) -> tuple[Approach, ProgramReport]:
-        """Go to another side, and drive at the chair until the base stands. waits: until its program has failed."""
-        self._side += choice.uniform(-1.0, 1.0)
-        x, y = (HALL_M / 2 + FROM_M * part for part in (math.cos(self._side), math.sin(self._side)))
-        bearing, off_m = choice.uniform(-1.0, 1.0), choice.uniform(-0.15, 0.15)
-        heading = math.remainder(self._side + math.pi - bearing, math.tau)
-        self._run(ProgramBuilder("away").mbase_to(x, y, heading))
-        self._until_ended(ProgramResult.DONE)
-        bearing += math.atan2(off_m, FROM_M)
-        self._run(
-            ProgramBuilder("at it").mbase_velocity(speed * math.cos(bearing), speed * math.sin(bearing), 0.0, 60.0)
-        )
-        track = list(self._track())
-        if not waits:
-            self.agent.abort()
-        return approach_of(track), self._until_ended(ProgramResult.FAILED, ProgramResult.ABORTED)
+    def approach(self, speed: float, choice: random.Random) -> tuple[Approach, ProgramReport]:
+        """Go to another side, and drive at the chair until the base has stood for 3 s: what happens then. A try in
+        which the robot stops for another reason, as a busy machine's stand-in does, does not count."""
+        while True:
+            self._go_to_another_side(choice)
+            bearing = self._bearing + math.atan2(choice.uniform(-0.15, 0.15), FROM_M)
+            self._run(
+                ProgramBuilder("at it").mbase_velocity(speed * math.cos(bearing), speed * math.sin(bearing), 0.0, 60.0)
+            )
+            track = list(self._track())
+            report = track[-1].program
+            if "sees something" in report.reason:
+                return approach_of(track), report
+            assert min(map(gap_m, track)) >= MARGIN_M, report
+
+    def _go_to_another_side(self, choice: random.Random) -> None:
+        """Where the chair is not straight ahead of it."""
+        for _ in range(MAX_TRIALS):
+            if self.agent.state().condition is AgentCondition.STOPPED:
+                self.agent.reset_stop()
+            self._side += choice.uniform(-1.0, 1.0)
+            x, y = (HALL_M / 2 + FROM_M * part for part in (math.cos(self._side), math.sin(self._side)))
+            self._bearing = choice.uniform(-1.0, 1.0)
+            heading = math.remainder(self._side + math.pi - self._bearing, math.tau)
+            self._run(ProgramBuilder("away").mbase_to(x, y, heading, 0.5))
+            if list(self._track())[-1].program.result is ProgramResult.DONE:
+                return
+        raise AssertionError(f"it gets nowhere: {self.agent.state()}")
 
     def _run(self, builder: ProgramBuilder) -> None:
         self.agent.load(dumps(builder.program()))
         self.agent.run()
 
-    def _until_ended(self, *results: ProgramResult) -> ProgramReport:
-        ended = eventually(
-            lambda: (now := self.agent.state().program).result is not ProgramResult.NO_RESULT and now, LIMIT_S, "an end"
-        )
-        assert ended.result in results, ended
-        return ended
-
     def _track(self) -> Iterator[AgentState]:
-        """States until the base has moved and stands for 0.3 s."""
-        moved, stands_since, until = False, math.inf, time.monotonic() + LIMIT_S
+        """States until the program has ended."""
+        until = time.monotonic() + LIMIT_S
         while time.monotonic() < until:
             state = self.agent.state()
             yield state
-            speed = math.hypot(*state.actor.velocity[:2])
-            moved |= speed > 0.1
-            stands_since = min(stands_since, time.monotonic()) if moved and speed < STANDS_M_S else math.inf
-            if time.monotonic() - stands_since > 0.3:
+            if state.program.result is not ProgramResult.NO_RESULT:
                 return
             time.sleep(0.01)
-        raise AssertionError("the base does not stand")
+        raise AssertionError("the program does not end")
 
 
 def gap_m(state: AgentState) -> float:
@@ -171,8 +173,8 @@ def marks(found: list[Approach], contacts: float) -> list[Mark]:
 def main(tries: int = 100, speed: float = 0.8) -> bool:
     choice, found = random.Random(1), []
     with folder_of_bench() as folder, stage(folder, speed) as place:
-        for number in progress(range(tries), "tries"):
-            found.append(place.approach(speed, choice, waits=number == 0)[0])
+        for _ in progress(range(tries), "tries"):
+            found.append(place.approach(speed, choice)[0])
         contacts = place.contacts()
     rows = [row(number, each) for number, each in enumerate(found, 1)]
     title = f"a chair that no map has, at {quantile([each.fastest_m_s for each in found], 0.5):.2f} m/s"

@@ -151,6 +151,9 @@ class HighController:
         #: Lateness of the ticks of the last ten seconds [s].
         self.late_s: deque[float] = deque(maxlen=500)
         self._read_at = 0.0
+        #: How long the ticks of the last second took [s], and when this one began.
+        self._took_s: deque[float] = deque(maxlen=50)
+        self._began = 0.0
         #: The time in which this process has run.
         self._awake = AttendedTime(longest_pause_s=timing.longest_check_pause_s)
         #: When the last tick began, or the next one is due: by `_awake`, and by the clock.
@@ -432,6 +435,7 @@ class HighController:
 
     def _use_adaptor(self) -> None:
         state, robot = RobotState(), self._adaptor.waits_for
+        self._began = time.monotonic()
         try:
             if not self._answer_of(robot, self._adaptor.read, state):
                 if not (self.stopped or self._closing.is_set()):  # by a late halt after a stop that has ended meanwhile
@@ -441,6 +445,7 @@ class HighController:
             self.state, self._read_at = state, time.monotonic()
             command = self._command(state)
             self._answer_of(robot, self._adaptor.write, command)
+            self._took_s.append(time.monotonic() - self._began)
             self._calls.on_command(state, command)
         except RobotHeld as error:
             if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
@@ -555,7 +560,7 @@ class HighController:
         (vx, vy), turn = turned(wanted[0], wanted[1], state.heading), wanted[2]
         cap, field = self.speed_cap, self._field
         if field:
-            field.observe(state)
+            field.observe(state, max(time.monotonic() - self._began, *self._took_s, 0.0))
             if vx or vy or any(self._velocity[:2]):
                 field.attend()
             try:

@@ -34,7 +34,8 @@ MARGIN_M = 0.06
 SIDE_M, CRAWL_M_S = 0.01, 0.15
 #: Braking that the field counts on [m/s^2]; the rest of the limit compensates for a base that follows late.
 BRAKING_M_S2 = 0.8 * BASE_LIMITS.acceleration
-#: Time for which a base may drive on, beside the age of the scan [s]: the validity of a command.
+#: Time for which a base may drive on [s], beside the age of the scan and the delay of the control cycle: the validity
+#: of a command.
 REACTION_S = 0.1
 #: Age from which a scan protects nobody [s]: who walks (1.6 m/s, ISO 13855) crosses the proximity sensors' range in it.
 MAX_AGE_S = PROXIMITY.range_m / 1.6
@@ -82,7 +83,7 @@ class ProtectiveField:
         self._placed: dict[str, tuple[_Scan, _Scan]] = {}
         #: Contacts that the bumper has counted; None while nobody reads it.
         self._contacts: float | None = None
-        self._state = RobotState()
+        self._state, self._late_s = RobotState(), 0.0
         #: Time and pose of the last control cycles.
         self._poses: deque[tuple[float, Frame]] = deque(maxlen=100)
         self._held_since: float | None = None
@@ -103,15 +104,15 @@ class ProtectiveField:
 
     # ---- in the control loop ----
 
-    def observe(self, state: RobotState) -> None:
-        """To be called in each control cycle."""
+    def observe(self, state: RobotState, late_s: float = 0.0) -> None:
+        """To be called in each control cycle. late_s: from a reading of the state until its command arrives."""
         here = state.x, state.y, state.heading
         if self._poses and (state.time < self._poses[-1][0] or math.dist(here[:2], self._poses[-1][1][:2]) > 0.5):
             self._poses.clear()  # another clock, or another place
             self._placed, self._scans = {}, {}
         if not self._poses or state.time > self._poses[-1][0]:
             self._poses.append((state.time, here))
-        self._state = state
+        self._state, self._late_s = state, late_s
 
     def attend(self) -> None:
         """Have the sensors read from now on, as the base is to move."""
@@ -149,7 +150,7 @@ class ProtectiveField:
                 why = self._problems.get(sensor.name) or (f"its scan is {age_s:.2f} s old" if scan else "no scan yet")
                 return 0.0, Blind(sensor.name, why)
             found, distance_m = allowed_speed(
-                scan.ends - (state.x, state.y), (vx / speed, vy / speed), age_s + REACTION_S
+                scan.ends - (state.x, state.y), (vx / speed, vy / speed), age_s + self._late_s + REACTION_S
             )
             if found < least:
                 least, seen = found, (sensor.name, distance_m)
@@ -216,7 +217,9 @@ class ProtectiveField:
             self._on_contact(Bumped(int(contacts - before)))
 
     def _read_ranges(self, senses: Senses, sensor: RangeSensor) -> None:
+        asked_at = time.monotonic()
         found = senses.ranges(sensor.name)
+        took_s = time.monotonic() - asked_at  # some robots' clock is that of arrival here
         mount, spec = sensor.mount, sensor.spec
         hits = found.distances < spec.fan.range_m
         lengths = found.distances[hits] + spec.rim_m
@@ -226,7 +229,7 @@ class ProtectiveField:
         if (carried := self._carried()) is not None:
             ends = ends[~shapely.contains_xy(carried, ahead, left)]
         self._problems.pop(sensor.name, None)
-        self._scans[sensor.name] = _Scan(found.time, ends)
+        self._scans[sensor.name] = _Scan(found.time - took_s, ends)
 
 
 def allowed_speed(obstacles: Floats, direction: tuple[float, float], latency_s: float) -> tuple[float, float]:
