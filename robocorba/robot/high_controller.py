@@ -151,9 +151,9 @@ class HighController:
         #: Lateness of the ticks of the last ten seconds [s].
         self.late_s: deque[float] = deque(maxlen=500)
         self._read_at = 0.0
-        #: How long the ticks of the last second took [s], and when this one began.
+        #: How long the ticks of the last second took [s]; when this one began, and how long after the one before it.
         self._took_s: deque[float] = deque(maxlen=50)
-        self._began = 0.0
+        self._began = self._since_last_s = 0.0
         #: The time in which this process has run.
         self._awake = AttendedTime(longest_pause_s=timing.longest_check_pause_s)
         #: When the last tick began, or the next one is due: by `_awake`, and by the clock.
@@ -435,7 +435,8 @@ class HighController:
 
     def _use_adaptor(self) -> None:
         state, robot = RobotState(), self._adaptor.waits_for
-        self._began = time.monotonic()
+        before, self._began = self._began, time.monotonic()
+        self._since_last_s = min(max(self._began - before, TICK_S), VALID_S)
         try:
             if not self._answer_of(robot, self._adaptor.read, state):
                 if not (self.stopped or self._closing.is_set()):  # by a late halt after a stop that has ended meanwhile
@@ -568,22 +569,24 @@ class HighController:
             except MotionFailed as error:
                 self._end_motion(error)
                 cap = 0.0
-        found = self._limited(vx, vy, turn, cap)
+        # Where ticks are late, the base still brakes as hard as it can.
+        step_s = self._since_last_s if cap < math.hypot(*self._velocity[:2]) else TICK_S
+        found = self._limited(vx, vy, turn, cap, step_s)
         if field and math.hypot(*found[:2]) > field.allowed_m_s(*found[:2]):
-            found = self._limited(0.0, 0.0, turn, 0.0)  # brake in the direction in which it drives
+            found = self._limited(0.0, 0.0, turn, 0.0, self._since_last_s)  # in the direction in which it drives
         self._velocity = found
         return *turned(found[0], found[1], -state.heading), found[2]
 
-    def _limited(self, wanted_x: float, wanted_y: float, turn: float, cap: float) -> Velocity:
-        """Limit a velocity to the cap and to the base's acceleration, in the building's frame: in the frame of a
-        turning robot, even a constant velocity changes its direction."""
+    def _limited(self, wanted_x: float, wanted_y: float, turn: float, cap: float, step_s: float) -> Velocity:
+        """Limit a velocity to the cap and, for a step, to the base's acceleration, in the building's frame: in the
+        frame of a turning robot, even a constant velocity changes its direction."""
         speed = math.hypot(wanted_x, wanted_y)
         if speed > cap:
             wanted_x, wanted_y = wanted_x * cap / speed, wanted_y * cap / speed
         turn = min(max(turn, -BASE_LIMITS.turn_speed), BASE_LIMITS.turn_speed)
         vx, vy, turning = self._velocity
         dx, dy = wanted_x - vx, wanted_y - vy
-        share = min(1.0, BASE_LIMITS.acceleration * TICK_S / max(math.hypot(dx, dy), 1e-12))
+        share = min(1.0, BASE_LIMITS.acceleration * step_s / max(math.hypot(dx, dy), 1e-12))
         step = BASE_LIMITS.turn_acceleration * TICK_S
         return vx + dx * share, vy + dy * share, turning + min(max(turn - turning, -step), step)
 

@@ -34,9 +34,9 @@ MARGIN_M = 0.06
 SIDE_M, CRAWL_M_S = 0.01, 0.15
 #: Braking that the field counts on [m/s^2]; the rest of the limit compensates for a base that follows late.
 BRAKING_M_S2 = 0.8 * BASE_LIMITS.acceleration
-#: Time for which a base may drive on [s], beside the age of the scan and the delay of the control cycle: the validity
-#: of a command.
-REACTION_S = 0.1
+#: Time for which a base may drive on [s], beside the age of the scan and delays of this process: a control cycle, and
+#: the validity of a command.
+REACTION_S = 0.12
 #: Age from which a scan protects nobody [s]: who walks (1.6 m/s, ISO 13855) crosses the proximity sensors' range in it.
 MAX_AGE_S = PROXIMITY.range_m / 1.6
 #: Interval between readings while the base is to move, and for a second after; and between looks whether it is [s].

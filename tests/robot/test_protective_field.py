@@ -210,11 +210,11 @@ def test_it_stands_at_least_five_centimetres_before_a_thing_ahead(
     thing: Lines, late: Lateness, speed: float, share: float
 ) -> None:
     middle = thing[:, 0].mean(axis=0)
-    assume(gap_m(thing, (0.0, 0.0)) > MARGIN_M + 0.02)
     side_m = math.dist(*thing[0])
     bearing = math.atan2(middle[1], middle[0])
     off = share * side_m
     thing = thing + np.array((-off * math.sin(bearing), off * math.cos(bearing)))
+    assume(gap_m(thing, (0.0, 0.0)) > MARGIN_M + 0.02)
     world = World(thing, late)
     with pytest.raises(Seen):
         controller(world).drive(world, DriveAt((speed * math.cos(bearing), speed * math.sin(bearing), 0.0), 90.0))
