@@ -86,10 +86,11 @@ def program_ranges_m(senses: Senses | None) -> dict[str, float]:
 def nearest_m(senses: Senses | None, name: str) -> float:
     """The least distance [m] that a sensor measures, from where its rays begin; its range if it sees nothing. name: in
     programs. Raises UnknownSensor, AdaptorFailed, RobotLost."""
-    if senses is None or name not in (known := program_ranges_m(senses)):
-        raise UnknownSensor(name, sorted(known) if senses else ())
-    sensor = senses.sensor(ray_sensor(name).name)
-    return float(senses.ranges(sensor.name).distances[_rays(sensor, name)].min())
+    if senses:
+        for sensor in senses.sensors:
+            if sensor.name == ray_sensor(name).name and (rays := _rays(sensor, name)).any():
+                return float(senses.ranges(sensor.name).distances[rays].min())
+    raise UnknownSensor(name, sorted(program_ranges_m(senses)))
 
 
 def _rays(sensor: RangeSensor, name: str) -> npt.NDArray[np.bool_]:

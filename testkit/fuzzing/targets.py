@@ -8,10 +8,8 @@ from testkit.fuzzing.calls import Target
 from testkit.fuzzing.fuzzed_system import FuzzedSystem
 
 #: Interfaces that clients implement, not servers of this system; adaptors are for agents in other processes.
-OF_CLIENTS = (
-    *(RoboCorba.EventConsumer, RoboCorba.IdempotentEventConsumer),
-    *(RoboCorba.RobotAdaptor, RoboCorba.SensingAdaptor),
-)
+OF_CLIENTS = [RoboCorba.EventConsumer, RoboCorba.IdempotentEventConsumer]
+OF_CLIENTS += [RoboCorba.RobotAdaptor, RoboCorba.SensingAdaptor]
 #: Those whose references servers keep for themselves, and those that need --guarded or clients behind NAT.
 OUT_OF_REACH = (RoboCorba.StopTarget, RoboCorba.NameRegistry, RoboCorba.CallbackRoute)
 

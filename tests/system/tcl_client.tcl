@@ -823,6 +823,14 @@ subject robot_agent {
     check {[get [$agent state] adaptor] eq "simulated"}
 }
 
+subject robot_sensors {
+    set sensors [$agent sensors]
+    check {[names [$sensors rangeSensors] name] eq {laser proximity}}
+    check {[llength [get [$sensors ranges laser] distances]] == 181}
+    refused UnknownSensor {name sonar known {laser proximity}} {$sensors ranges sonar}
+    check {[names [$sensors readings] name] eq "bumper"}
+}
+
 # A robot without arms that follows each command.
 itcl::class Adaptor {
     inherit PortableServer::ServantBase
@@ -875,7 +883,7 @@ subject adaptor {
     set at [get [$agent state] at]
     set ours [Adaptor #auto $at]
     $agent switchAdaptor corba [list --uri [corba::object_to_string [serve $ours]] -- more]
-    check {[$ours cget -started] && [get [$agent state] adaptor] eq "corba"}
+    check {[$ours cget -started] && [get [$agent state] adaptor] eq "corba" && [$agent sensors] == 0}
     until {[get [$agent state] actor joints] eq {}}
     until {[$agent drive {ahead -0.2 left 0.0 turn 0.0} 0.5] eq {} && [get [$agent state] at x] < [get $at x] - 0.1}
     until {[condition] eq "IDLE"}

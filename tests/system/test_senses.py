@@ -184,6 +184,11 @@ def test_a_program_that_senses_is_refused_behind_an_adaptor_without_sensors(syst
         eventually(lambda: robot.agent.state().program.result is ProgramResult.DONE, PATIENCE_S, "stopped")
         assert [icon.kind for icon in robot.agent.begun(0)] == ["stop_if_closer", "mbase_by", "branch", "wait"]
 
+        driver.distance_m = math.nan  # its laser fails: the robot does not drive on blindly
+        state = run(robot.agent, watched())
+        assert state.program.result is ProgramResult.FAILED
+        assert "the laser sensor gave no distance for 1 s: laser must send 181 distances" in state.program.reason
+
 
 def test_no_contact_is_missing_from_the_bumper_of_a_virtual_robot(system_orb: Orb, tmp_path: Path) -> None:
     """Another robot pushes it while it rests, so that it reads its state twice a second; both count each contact."""

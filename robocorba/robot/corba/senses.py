@@ -78,7 +78,8 @@ class RemoteSenses(Senses):
             seen = self._remote.ranges(name)
         distances, now = np.array(seen.distances, float), time.monotonic()
         if len(distances) != fan.count or not (distances >= 0.0).all():  # NaN, too
-            raise AdaptorFailed(f"{name} sent {len(distances)} distances: not {fan.count} of at least 0 m")
+            sent = f"{len(distances)}, the least {distances.min(initial=math.inf)}"
+            raise AdaptorFailed(f"{name} must send {fan.count} distances of 0 m or more; it sent {sent}")
         measured_at, arrived_at = self._arrivals.get(name, (None, now))
         if seen.time != measured_at:
             self._arrivals[name], arrived_at = (seen.time, now), now
