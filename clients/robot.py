@@ -207,7 +207,8 @@ def run(arguments: Sequence[str] | None) -> None:
             return checker(wanted, state, objects, nearby.parked_robots(), agent.senses)
 
         context = AdaptorContext(settings.name, session, orb)
-        agent = ControlAgent(context, planner, others, nearby, ticks, AgentCalls(check_now, prepare, progress.wake))
+        calls = AgentCalls(check_now, prepare, progress.wake)
+        agent = ControlAgent(context, planner, others, nearby, ticks, calls, settings.protects)
         stack.callback(agent.close)
         session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
         session.floors_since = follower.floors_since

@@ -122,12 +122,12 @@ class MissionSystem:
 
     # ---- robots ----
 
-    def start(self, starts: Mapping[str, RobotStart]) -> None:
-        """Start robots simultaneously and wait until all are ready."""
+    def start(self, starts: Mapping[str, RobotStart], *options: str) -> None:
+        """Start robots simultaneously, with options of `robocorba robot`, and wait until all are ready."""
         for name, at in starts.items():
             where = ("--floor", at.floor, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
             adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
-            self.robots[name] = self._robocorba(name, "robot", name, *where, *adaptor, within=at.within)
+            self.robots[name] = self._robocorba(name, "robot", name, *where, *options, *adaptor, within=at.within)
         for name in starts:
             process = self.robots[name]
             assert process.stdout is not None and process.stderr is not None

@@ -12,6 +12,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
+from shapely.geometry.base import BaseGeometry
+
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotLost
@@ -33,6 +35,7 @@ from robocorba.robot.programs.base_checks import Planner
 from robocorba.robot.programs.checker import check_sensors
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
+from robocorba.robot.protective_field import ProtectiveField
 from robocorba.robot.robot import Robot
 from robocorba.robot.runner import OtherRobots, Runner
 from robocorba.robot.senses import Senses, program_ranges_m
@@ -85,7 +88,8 @@ class AgentCalls:
 
 class ControlAgent:
     """Thread-safe. others: for events and cooperative icons. ticks: records programs. nearby: other robots and
-    obstacles; see Robot."""
+    obstacles; see Robot. protects: whether robots have a protective field; None: actual ones that have range
+    sensors."""
 
     def __init__(
         self,
@@ -95,9 +99,10 @@ class ControlAgent:
         nearby: Nearby | None = None,
         ticks: TickFile | None = None,
         calls: AgentCalls = AgentCalls(),
+        protects: bool | None = None,
     ) -> None:
         self._context, self._planner, self._others = context, planner, others
-        self._nearby, self._ticks, self._calls = nearby, ticks, calls
+        self._nearby, self._ticks, self._calls, self._protects = nearby, ticks, calls, protects
         self.name, self.session = context.name, context.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
@@ -443,12 +448,22 @@ class ControlAgent:
             on_stop=self._calls.changed,
             on_held=self.stop,
         )
-        controller = HighController(made, self._emergency.latch, calls)
+        is_protected = not made.is_in_building if self._protects is None else self._protects
+        field = ProtectiveField(lambda: made.senses, self._carried) if is_protected else None
+        controller = HighController(made, self._emergency.latch, calls, field=field)
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)
+        if field and not field.sensors:
+            if self._protects:
+                controller.close()
+                raise AdaptorFailed(f"the robot of the adaptor {adaptor} has no range sensors for a protective field")
+            _log.warning("the robot of the adaptor %s has no range sensors: no protective field", adaptor)
         self._controller, self._adaptor = controller, adaptor
         self._robot = Robot(controller, self.session, self._kinematics, self._planner, self._nearby)
+
+    def _carried(self) -> BaseGeometry | None:
+        return self._nearby.carried(self.session.latest.holding) if self._nearby else None
 
     @property
     def _is_ready(self) -> bool:

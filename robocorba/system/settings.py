@@ -334,7 +334,7 @@ class RobotSettings:
     None for a free path node. channel: of its sub-network, empty for none, None for that of the
     area in which it logs on. tick_file: CSV file with one row for each
     control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
-    changes."""
+    changes. protects: whether robots have a protective field, None for the usual ones."""
 
     common: Settings
     name: str
@@ -347,11 +347,13 @@ class RobotSettings:
     channel: str | None
     tick_file: Path | None
     prints_progress: bool
+    protects: bool | None = None
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--progress] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
+        [--progress] [--protect on|off] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR]
+        [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -380,6 +382,11 @@ class RobotSettings:
             "`robocorba record`",
         )
         parser.add_argument("--progress", action="store_true", help="print a line when what it does changes")
+        parser.add_argument(
+            "--protect",
+            choices=("on", "off"),
+            help="stop before what the robot's own range sensors see; default: on for actual robots",
+        )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -396,6 +403,7 @@ class RobotSettings:
             given.channel,
             given.record,
             given.progress,
+            given.protect and given.protect == "on",
         )
 
 

@@ -101,7 +101,7 @@ def test_a_chair_that_no_map_has_stops_the_robot_that_sees_it(
         state = run(robot.agent, watched())
         assert (state.program.result, len(robot.agent.begun(0))) == (ProgramResult.DONE, 3)
         assert state.at.x == pytest.approx(START[0] + 3.0, abs=0.02)
-    actual = (*WHERE, "--adaptor", "smartpal", "--", "--naming", str(stand_in.naming))
+    actual = (*WHERE, "--protect", "off", "--adaptor", "smartpal", "--", "--naming", str(stand_in.naming))
     with robot_process(tmp_path / "actual", system_orb, "A", *actual) as robot:
         assert [sensor.name for sensor in sensors(system_orb, "A").rangeSensors()] == ["laser", "proximity"]
         state = run(robot.agent, watched())

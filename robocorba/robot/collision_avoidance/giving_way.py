@@ -39,11 +39,12 @@ def in_the_way(other: OtherRobot | None) -> str:
 
 
 class Blocked(MotionFailed):
-    """An obstacle blocks the robot: the robot `other`, or a wall or an object if that is None."""
+    """An obstacle blocks the robot: the robot `other`, or if that is None a wall or an object, or what was `seen`."""
 
-    def __init__(self, state: RobotState, other: OtherRobot | None) -> None:
+    def __init__(self, state: RobotState, other: OtherRobot | None, seen: str = "") -> None:
         self.other = other
-        super().__init__(f"blocked at ({state.x:.2f}, {state.y:.2f}): {in_the_way(other)}")
+        blocker = in_the_way(other) if other or not seen else f"{seen} in the way"
+        super().__init__(f"blocked at ({state.x:.2f}, {state.y:.2f}): {blocker}")
 
 
 class GiveWay:
