@@ -97,7 +97,8 @@ class Stepped(HighController):
     last: ClassVar[Stepped | None] = None
     _silent_s = 0.0
 
-    def __init__(self, *parts: Any) -> None:
+    def __init__(self, *parts: Any, field: object) -> None:
+        assert field is None  # that of a virtual robot
         # A reset within another one does not wait for it.
         super().__init__(*parts, timing=Timing(refresh_limit_s=0.0, check_interval_s=600.0, end_limit_s=0.0))
 
