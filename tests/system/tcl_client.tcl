@@ -335,6 +335,26 @@ subject session {
     refused InvalidElement {} {$editor openSession $author}
 }
 
+subject facts {
+    set stool {OBJECT_ELEMENT {name stool footprint {CIRCLE_SHAPE 0.2} at {x 4.0 y 7.0} heading 0.0 height 0.5
+        movable 1}}
+    set id [element OBJECT_ELEMENT L1 stool]
+    set all {kinds {OBJECT_ELEMENT} onFloor L1}
+    set transaction [$editor begin]
+    $transaction create L1 $stool
+    $transaction setFact [list id $id key mass value 8] 0
+    set version [$transaction commit]
+    set fact [lindex [$editor readFacts $all] 0]
+    check {[get $fact id] eq $id && [get $fact key] eq "mass" && [get $fact value] == 8}
+    set heavier [$editor setFact [list id $id key mass value 12.5] $version]
+    refused StaleEdit [list id $id expected $version] {$editor setFact [list id $id key mass value 1] $version}
+    set session [$editor openSession Ada]
+    set none [$session setFact [list id $id key mass value 0] $heavier]
+    check {[$editor readFacts $all] eq {}}
+    $session remove $id $none
+    $session close
+}
+
 # ---- the simulation ----
 
 set simulation [resolve SimulationServer]
@@ -822,6 +842,11 @@ subject robot_agent {
     refused AdaptorFailed {} {$agent switchAdaptor corba {}}
     $agent switchAdaptor simulated {}
     check {[get [$agent state] adaptor] eq "simulated"}
+}
+
+subject robot_links {
+    set links [get [$agent linkPoses] links]
+    check {[get [lindex $links 0] link] eq "base" && abs([get [lindex $links 0] x] - [get [$agent state] at x]) < 0.05}
 }
 
 subject robot_sensors {
