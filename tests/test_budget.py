@@ -22,7 +22,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package, and words of documentation.
-LINES_AT_MOST = {"tests": 56_150, "testkit": 7_180, "bench": 9_945}
+LINES_AT_MOST = {"tests": 56_160, "testkit": 7_180, "bench": 9_945}
 WORDS_AT_MOST = {"docs": 30_780, "README.md": 1_220, "CHANGELOG.md": 2_150}
 
 
