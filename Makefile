@@ -7,7 +7,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 SHELL := bash
 .SHELLFLAGS := -o pipefail -c
 # Turns what pip says, 200 lines, into one line that counts.
-COUNT := awk '/^ *(Downloading|Processing) / {printf "\r  %d packages", ++found; fflush()} \
+COUNT := awk '/^ *(Downloading|Processing) / {if (++found % 10 == 0) printf "\r  %d packages", found; fflush()} \
   /^Installing collected/ {print ", installing ..."; fflush()}'
 # Where it is set, as in many containers, each process would compile all of RoboCorba anew.
 unexport PYTHONDONTWRITEBYTECODE
