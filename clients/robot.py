@@ -114,14 +114,14 @@ def channel_for(orb: Orb, wanted: str | None, at: Pose) -> str:
     try:
         if wanted is None:
             areas = [area for _, area in elements_of_floor(orb, ElementKind.AREA, at.floor)]
-            channel, source = subnet_at(areas, (at.x, at.y)), "the sub-network of its area, "
+            channel, source = subnet_at(areas, (at.x, at.y)), "the sub-network of its area "
         known = orb.names(CHANNELS)
     except (RoboCorbaError, CORBA.Exception) as error:
         _log.warning("channels and sub-networks are unknown: %s", error_of(error))
         return channel if wanted else ""
     if channel and channel not in known:
         there = ", ".join(sorted(known)[:40]) or "none"
-        _log.warning("%s%s, has no event channel; there are %s", source, channel, there)
+        _log.warning("%s%s has no event channel; there are %s", source, channel, there)
     return channel if wanted or channel in known else ""
 
 

@@ -449,7 +449,8 @@ class ControlAgent:
             on_held=self.stop,
         )
         is_protected = not made.is_in_building if self._protects is None else self._protects
-        field = ProtectiveField(lambda: made.senses, self._carried) if is_protected else None
+        robot_at = self._nearby.robot_at if self._nearby else lambda x, y: None
+        field = ProtectiveField(lambda: made.senses, self._carried, robot_at) if is_protected else None
         controller = HighController(made, self._emergency.latch, calls, field=field)
         if self._cap is not None:
             controller.speed_cap = self._cap

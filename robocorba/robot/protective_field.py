@@ -21,7 +21,9 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import Blind, Bumped, MotionFailed
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import Frame
+from robocorba.map_editor.spatial.pose import XY
 from robocorba.robot.collision_avoidance.giving_way import Blocked
+from robocorba.robot.collision_avoidance.neighbours import OtherRobot
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.senses import RangeSensor, Senses
@@ -48,10 +50,10 @@ _log = logging.getLogger(__name__)
 
 
 class Obstructed(Blocked):
-    """`sensor` sees something in the robot's way, `distance_m` from its rim [m]."""
+    """`sensor` sees something in the robot's way, `distance_m` from its rim [m], at a point of the floor `at` [m]."""
 
-    def __init__(self, state: RobotState, sensor: str, distance_m: float) -> None:
-        self.sensor, self.distance_m = sensor, distance_m
+    def __init__(self, state: RobotState, sensor: str, distance_m: float, at: XY) -> None:
+        self.sensor, self.distance_m, self.at = sensor, distance_m, at
         super().__init__(state, None, f"{sensor} sees something {distance_m:.2f} m from its rim")
 
 
@@ -64,12 +66,16 @@ class _Scan(NamedTuple):
 
 class ProtectiveField:
     """One thread observes and asks, another one reads. senses: of the robot, None without any; then it allows all.
-    carried: what moves with the robot, in its frame [m]."""
+    carried: what moves with the robot, in its frame [m]. robot_at: the robot at a point of the floor [m]: who meets
+    another one gives way to it, as without the field."""
 
     def __init__(
-        self, senses: Callable[[], Senses | None], carried: Callable[[], BaseGeometry | None] = lambda: None
+        self,
+        senses: Callable[[], Senses | None],
+        carried: Callable[[], BaseGeometry | None] = lambda: None,
+        robot_at: Callable[[float, float], OtherRobot | None] = lambda x, y: None,
     ) -> None:
-        self._senses, self._carried = senses, carried
+        self._senses, self._carried, self._robot_at = senses, carried, robot_at
         self._reader = Repeating(
             "protective field", self._read_while_needed, lambda: READ_S if self._is_needed else _IDLE_S
         )
@@ -138,13 +144,15 @@ class ProtectiveField:
             self._held_since = self._state.time
         elif self._state.time - self._held_since >= HELD_S:
             self._held_since = None
+            if isinstance(error, Obstructed):
+                error.other = self._robot_at(*error.at)
             raise error
         return allowed_m_s
 
     def _limit(self, vx: float, vy: float) -> tuple[float, MotionFailed | None]:
         """The allowed speed, and the error if the robot has to stand."""
         state, speed = self._state, math.hypot(vx, vy)
-        least, seen = math.inf, ("", math.inf)
+        least, seen = math.inf, ("", math.inf, (math.inf, math.inf))
         if speed == 0.0:
             return least, None
         for sensor in self.sensors:
@@ -152,11 +160,11 @@ class ProtectiveField:
             if scan is None or age_s > MAX_AGE_S:
                 why = self._problems.get(sensor.name) or (f"its scan is {age_s:.2f} s old" if scan else "no scan yet")
                 return 0.0, Blind(sensor.name, why)
-            found, distance_m = allowed_speed(
+            found, distance_m, what = allowed_speed(
                 scan.ends - (state.x, state.y), (vx / speed, vy / speed), age_s + self._late_s + REACTION_S
             )
             if found < least:
-                least, seen = found, (sensor.name, distance_m)
+                least, seen = found, (sensor.name, distance_m, (state.x + what[0], state.y + what[1]))
         return least, Obstructed(state, *seen) if least <= HELD_M_S else None
 
     def _scan(self, name: str) -> tuple[_Scan | None, float]:
@@ -235,13 +243,14 @@ class ProtectiveField:
         self._scans[sensor.name] = _Scan(found.time - took_s, ends)
 
 
-def allowed_speed(obstacles: Floats, direction: tuple[float, float], latency_s: float) -> tuple[float, float]:
-    """The speed [m/s] at which a robot may drive in a direction (a unit vector), and the distance of what limits it
-    from the robot's rim [m]; infinite where nothing does. obstacles: (n, 2) from the robot's centre [m]."""
+def allowed_speed(obstacles: Floats, direction: XY, latency_s: float) -> tuple[float, float, XY]:
+    """The speed [m/s] at which a robot may drive in a direction (a unit vector), and of what limits it the distance
+    from the robot's rim and the place [m]; infinite where nothing does. obstacles: (n, 2) from the robot's centre
+    [m]."""
     along = obstacles @ direction
     is_ahead = along > 0.0
     if not is_ahead.any():
-        return math.inf, math.inf
+        return math.inf, math.inf, (math.inf, math.inf)
     distances = np.hypot(*obstacles.T)
     # Beside a wall that is nearer, the robot may still drive along it.
     side_m = min(max(float(distances.min()) - RADIUS_M - 0.002, 0.0), SIDE_M)
@@ -253,7 +262,8 @@ def allowed_speed(obstacles: Floats, direction: tuple[float, float], latency_s: 
     speeds = np.maximum(speed_within(free, latency_s, final), final)
     speeds[across >= wide_m] = math.inf
     least = int(speeds.argmin())
-    return float(speeds[least]), float(distances[least]) - RADIUS_M
+    x, y = obstacles[is_ahead][least]
+    return float(speeds[least]), float(distances[least]) - RADIUS_M, (float(x), float(y))
 
 
 def speed_within(free_m: Floats, latency_s: float, final_m_s: Floats) -> Floats:

@@ -2,8 +2,8 @@
 and which knows no floor, so that its getPath sends the start's floor back.
 
 ECHO_MODE makes it misbehave: broken (fails at start), mute (starts, but never serves), slow (half a second
-from listening to serving), stubborn (does not end on SIGTERM), parent (has a child, which ignores SIGTERM), guest (leaves
-its name to another that takes it).
+from listening to serving), stubborn (does not end on SIGTERM), parent (has a child, which ignores SIGTERM), guest
+(leaves its name to another that takes it).
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@ map."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,6 +13,7 @@ import shapely
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.frames import into, out_of
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
@@ -29,6 +31,8 @@ CLEARANCE_M = 0.1
 MIN_CLEARANCE_M = 0.07
 #: Distance from a robot's centre up to which it holds what it faces [m].
 HOLDS_WITHIN_M = 0.7
+#: Distance from its rim at which a robot may be seen, as others know its place [m].
+SEEN_WITHIN_M = 0.2
 #: By how much more than their size a held object and its other carriers are taken to fill [m], as grips give.
 CARRIED_MARGIN_M = 0.1
 
@@ -70,6 +74,14 @@ class Nearby:
             )
             for _, other in snapshot.robots_near(x, y, 6.0)
         ]
+
+    def robot_at(self, x: float, y: float) -> OtherRobot | None:
+        """The robot whose rim is nearest to a point [m] and at most SEEN_WITHIN_M away; None if positions are unknown,
+        too."""
+        with contextlib.suppress(NotReachable):
+            near = [(math.hypot(other.x - x, other.y - y) - other.radius_m, other) for other in self.others(x, y)]
+            return min(((gap, other) for gap, other in near if gap < SEEN_WITHIN_M), default=(0.0, None))[1]
+        return None
 
     def clearance_m(self, x: float, y: float) -> float:
         """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
