@@ -31,6 +31,17 @@ def test_three_protected_robots_carry_a_table_and_none_drives_into_a_wall(tmp_pa
         assert place.collisions == 0
         agent = place.agent("B")
         eventually(lambda: place.is_free("B"), 60.0, "B is free")
+        eventually(lambda: place.is_free("A"), 60.0, "A is free")
+        starts = {name: place.body(name)[:2] for name in "AB"}
+        for name, other in (("A", "B"), ("B", "A")):  # each drives to where the other one is
+            swap = ProgramBuilder("swap").mbase_path(FLOOR, *starts[other])
+            place.agent(name).load(dumps(swap.program()))
+        for name in "AB":
+            place.agent(name).run()
+        for name in "AB":
+            gets = eventually(lambda name=name: place.agent(name).state().program.result.value, 240.0, name)
+            assert gets == ProgramResult.DONE.value, place.agent(name).state().program
+        assert place.collisions == 0
         agent.load(dumps(ProgramBuilder("into the wall").mbase_velocity(0.0, 0.38, 0.0, 60.0).program()))
         agent.run()
         ended = eventually(
