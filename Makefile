@@ -4,6 +4,11 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+SHELL := bash
+.SHELLFLAGS := -o pipefail -c
+# Turns what pip says, 200 lines, into one line that counts.
+COUNT := awk '/^ *(Downloading|Processing) / {if (++found % 10 == 0) printf "\r  %d packages", found; fflush()} \
+  /^Installing collected/ {print ", installing ..."; fflush()}'
 # Where it is set, as in many containers, each process would compile all of RoboCorba anew.
 unexport PYTHONDONTWRITEBYTECODE
 
@@ -37,7 +42,7 @@ $(VENV)/.made:
 
 $(VENV)/.installed: $(VENV)/.made setup.cfg setup.py pyproject.toml
 	@rm -rf robocorba.egg-info  # an older one would hide new entry points
-	@$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@$(BIN)/python -m pip install --no-color --progress-bar off --editable '.[dev]' | $(COUNT)
 	@touch $@ $(VENV)/.stubs
 
 $(VENV)/.stubs: $(VENV)/.installed $(wildcard idl/*.idl idl/openrtm/*.idl) idl/make_stubs.py

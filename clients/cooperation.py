@@ -16,7 +16,7 @@ from shapely import MultiPoint, Point
 
 from robocorba.clients.cooperative_planners import planner_of
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import IllegalOrder, MissionFailed, StalePlan
+from robocorba.errors.robots import IllegalOrder, MissionFailed, RobotError, StalePlan
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownMission
 from robocorba.map_editor.spatial.pose import Pose2D
@@ -40,6 +40,7 @@ from robocorba.missions.transport import Transport
 from robocorba.orb.orb import Orb
 from robocorba.planning.request import Place
 from robocorba.robot.agent import ControlAgent
+from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.robot.corba.robot_channel import RobotChannel
 from robocorba.robot.data_pool.plans import Plans
 from robocorba.robot.data_pool.pool import DataPool
@@ -55,8 +56,8 @@ from robocorba.system.decoding import convert
 PUBLISH_TIMEOUT_S = 5.0
 #: Number of latest plans that the leader's data pool keeps.
 MAX_PLANS_KEPT = 20
-#: Timeout to find the Omni database for a record of a mission [s].
-RECORD_RESOLVE_S = 1.0
+#: Timeouts to find the Omni database for a record of a mission, and a leader's data pool [s].
+RECORD_RESOLVE_S = POOL_RESOLVE_S = 1.0
 _log = logging.getLogger(__name__)
 
 
@@ -104,7 +105,9 @@ class Cooperation:
         succession = Succession(self._name, self._records, self._leaders.leads, _Successor(agent, self))
         self._closing.callback(succession.close)
         transport = Transport(channel, self._name)
-        self._missions = missions = MissionAgent(transport, agent, locate, on_orphaned=succession.begin).start()
+        self._missions = missions = MissionAgent(
+            transport, agent, locate, on_orphaned=succession.begin, plan_of=self._plan_of
+        ).start()
         self._closing.callback(missions.close)
         self._agent, self._pool = agent, pool
 
@@ -162,7 +165,7 @@ class Cooperation:
         """Lead a mission to its end; `mission` names it, empty for a new name. One that another robot leads is taken
         over if the robot claims it in its present term, and that robot does not answer.
 
-        Raises MissionFailed with the reason, NotReachable."""
+        Raises MissionFailed with the reason; Aborted if a user has aborted it; NotReachable."""
         if not self.is_holding_for(mission):  # else its part in the mission goes on by this clock
             OWN_CLOCK.synchronize()
         about, begun = str(getattr(icon, "table", getattr(icon, "object", ""))), OWN_CLOCK.now()
@@ -189,7 +192,7 @@ class Cooperation:
         for old in [stored.name for stored in self._plans.all()][:-MAX_PLANS_KEPT]:
             self._plans.remove(old)
         if report.result != "done":
-            raise MissionFailed(report.reason)
+            raise (Aborted if is_aborted else MissionFailed)(report.reason)
 
     def _lead_as(self, mission: str) -> None:
         with self._lock:
@@ -240,7 +243,8 @@ class Cooperation:
             return str(why or "")
 
         with contextlib.closing(RobotChannel(self._orb, self._channel_name, self._name)) as channel:
-            robot = LeaderRobot(lambda: Place(*agent.place[:3]), areas, interruption, self._look)
+            here = (lambda: Place(*agent.place[:3]), areas)
+            robot = LeaderRobot(*here, interruption, self._look, execution.awaiting)
             report = Leader(led, Transport(channel, self._name), robot, _policy(icon)).lead(
                 kind(icon).replace("_", " "),
                 lambda: make_planner(icon, self._world, self._name, robot.place()),
@@ -264,6 +268,15 @@ class Cooperation:
             Seen(each.name, False, shapely.convex_hull(MultiPoint(each.corners)), each.vx, each.vy, each.number)
             for each in objects
         ]
+
+    def _plan_of(self, leader: str, mission: str) -> CooperativePlan | None:
+        """A plan in its leader's data pool."""
+        try:
+            stored = RemotePool(self._orb, leader, POOL_RESOLVE_S).plan(mission)
+            return StoredPlan.decode(stored.content).plan
+        except (NotReachable, RobotError, msgspec.ValidationError, msgspec.DecodeError) as error:
+            _log.info("the plan of mission %s can't be read in the data pool of %s: %s", mission, leader, error)
+            return None
 
     def _store_plan(self, plan: CooperativePlan, phase: str) -> None:
         """Store the plan in the data pool, where other robots and clients can read it."""

@@ -22,7 +22,7 @@ GROUP = "robocorba.cooperative_planners"
 MakePlanner: TypeAlias = Callable[[Any, World, str, Place], CooperativePlanner]
 
 PLANNERS: dict[type[Icon], MakePlanner] = {
-    icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to),
+    icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to, icon.carriers),
     icons.HandOver: lambda icon, world, leader, here: HandOverPlanner(
         world, icon.object, icon.giver or leader, icon.taker, leader, here
     ),

@@ -34,7 +34,6 @@ from robocorba.commands.mission import MissionStatus, follow_mission, tables
 from robocorba.commands.path import as_table
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
-from robocorba.console.settings import check_installed
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.places import place
 from robocorba.errors.robots import MissionFailed
@@ -52,6 +51,7 @@ from robocorba.planning.corba import paths
 from robocorba.planning.request import PathRequest, Place
 from robocorba.robot.programs.icons import Destination, MoveTable
 from robocorba.stubs import RoboCorba
+from robocorba.system.extras import require_extra
 from robocorba.system.names import MISSIONS
 from robocorba.system.printing import Console, line
 from robocorba.system.settings import Address
@@ -124,6 +124,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     logs: Path = folder / "logs"
     began = time.monotonic()
     try:
+        require_extra("console" if given.console else "films", "pictures of the demo")
         logs.mkdir(parents=True, exist_ok=True)
         for file in (page.PAGE, REPORT_FILE, FILM, *PICTURES):
             (folder / file).unlink(missing_ok=True)
@@ -156,7 +157,6 @@ def play(
         with _starting("Servers", console):
             options = ["--building", str(sample_path(BUILDING)), "--subnets", subnets]
             if with_browser:
-                check_installed()
                 options += ["--console", "--console-port", "0"]
             naming = stack.enter_context(servers(state, *options))
         if with_browser:

@@ -24,9 +24,7 @@ from pathlib import Path
 from omniORB import CORBA
 
 from robocorba.clients.hand_over_facts import GIVING, TAKING, Moment, facts, faults
-from robocorba.clients.robot_film import RobotShapes, Views, sheet
 from robocorba.clients.robot_processes import ActualRobot, ReadyProcess, robocorba, servers
-from robocorba.console.video import VideoFile
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import MotionFailed
 from robocorba.map_editor.samples import sample_path
@@ -41,6 +39,7 @@ from robocorba.robot.programs import icons
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program, dumps, icons_with_paths
 from robocorba.robot.runner import ProgramResult
+from robocorba.system.extras import require_extra
 from robocorba.system.printing import fail, line
 from robocorba.system.settings import Address
 
@@ -128,6 +127,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if given.write_programs:
         write_programs(folder)
         return 0
+    require_extra("films" if given.film else "recordings", "films and recordings")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit("hand_over: ended"))  # ends child processes, too
     name = f"hand-over-{'actual' if given.actual else 'virtual'}"
     mcap = folder / f"{name}.mcap"
@@ -247,6 +247,9 @@ def write_moments(file: Path, moments: Sequence[Moment]) -> None:
 
 def film(file: Path, moments: Sequence[Moment], released_s: float) -> None:
     """Write a film in real time. The sheet moves with the giver's hand until the giver lets go."""
+    from robocorba.clients.robot_film import RobotShapes, Views, sheet
+    from robocorba.console.video import VideoFile
+
     shapes, views = RobotShapes(), Views(4.3, 1.9, 8.3, 5.1)
     every = round(1 / FPS / SAMPLE_INTERVAL_S)
     with VideoFile(file, *views.size, FPS) as video:

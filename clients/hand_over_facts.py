@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robocorba.clients.robot_film import in_building
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import GRIP, SHUT_RAD, Side
@@ -111,3 +110,9 @@ def _hand(body: SmartPalBody, state: RobotState, side: Side) -> tuple[Floats, Fl
 def _between(one: Floats, other: Floats) -> float:
     """The angle between two directions, rad."""
     return math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other))
+
+
+def in_building(points: Floats, state: RobotState) -> Floats:
+    """Points (n, 3) [m] from a robot's frame to the building's frame."""
+    c, s = math.cos(state.heading), math.sin(state.heading)
+    return points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + (state.x, state.y, 0.0)

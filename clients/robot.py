@@ -15,7 +15,9 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
-from robocorba.map_editor.corba.remote_map import path_node_positions
+from robocorba.map_editor.corba.remote_map import elements_of_floor, path_node_positions
+from robocorba.map_editor.geometry import subnet_at
+from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.missions import carry_planning
 from robocorba.orb.calls import error_of
@@ -23,8 +25,10 @@ from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
-from robocorba.robot.agent import AgentCalls, AgentCondition, AgentState, ControlAgent
+from robocorba.robot.agent import AgentCalls, AgentState, ControlAgent
+from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
+from robocorba.robot.corba.adaptor_servant import RobotSensorsServant
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
 from robocorba.robot.corba.remote_data_pool import PoolFollower, floor_now
@@ -33,6 +37,7 @@ from robocorba.robot.corba.robot_channel import RobotChannel
 from robocorba.robot.corba.stop_listener import listen_for_stops
 from robocorba.robot.data_pool.plans import Plans
 from robocorba.robot.data_pool.start_places import start_places
+from robocorba.robot.display import Display
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.robot.model_switcher import AdaptorContext
@@ -43,12 +48,12 @@ from robocorba.robot.programs.checker import Start, check
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.realtime import raise_process_priority
-from robocorba.robot.runner import ProgramResult
+from robocorba.robot.senses import Senses, program_ranges_m
 from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.registry import Description, Pose
 from robocorba.system import logs
 from robocorba.system.kernel_store import store
-from robocorba.system.names import MISSIONS, ROBOTS
+from robocorba.system.names import CHANNELS, MISSIONS, ROBOTS
 from robocorba.system.printing import fail
 from robocorba.system.private_files import claim_state
 from robocorba.system.processes import RobotProgress
@@ -75,9 +80,11 @@ class Checker:
         state: AgentState,
         objects: TemporaryObstacles = NO_OBSTACLES,
         robots: TemporaryObstacles = NO_OBSTACLES,
+        senses: Senses | None = None,
     ) -> CheckReport:
-        at = state.at
-        start = Start(Place(at.floor, at.x, at.y), at.heading, state.actor.joints, objects, robots)
+        at, ranges_m = state.at, program_ranges_m(senses)
+        place = Place(at.floor, at.x, at.y)
+        start = Start(place, at.heading, state.actor.joints, objects, robots, state.adaptor, ranges_m)
         # Kinematics of its own: they are not thread-safe, and are built in 3 ms.
         return check(wanted, InverseKinematics(), self._planner, start)
 
@@ -100,14 +107,29 @@ def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
     raise PlaceTaken(floor, 0.0, 0.0, "all path nodes and the places near them are occupied; give a place by --at X,Y")
 
 
-def progress_of(state: AgentState) -> RobotProgress:
-    """What the robot does. At the end of a task its thread may still run."""
-    report, condition = state.program, state.condition
-    has_ended = report.result is not ProgramResult.NO_RESULT
-    if has_ended and condition in (AgentCondition.RUNNING, AgentCondition.PAUSED):
-        condition = AgentCondition.IDLE
-    result = report.result.name.lower() if has_ended else ""
-    return RobotProgress(condition.name.lower(), report.name, result, state.reason or report.reason)
+def channel_for(orb: Orb, wanted: str | None, at: Pose) -> str:
+    """The event channel of a robot that has logged on: `wanted`, by default that of the sub-network of its area if
+    there is such a channel; empty for none."""
+    channel, source = wanted or "", ""
+    try:
+        if wanted is None:
+            areas = [area for _, area in elements_of_floor(orb, ElementKind.AREA, at.floor)]
+            channel, source = subnet_at(areas, (at.x, at.y)), "the sub-network of its area "
+        known = orb.names(CHANNELS)
+    except (RoboCorbaError, CORBA.Exception) as error:
+        _log.warning("channels and sub-networks are unknown: %s", error_of(error))
+        return channel if wanted else ""
+    if channel and channel not in known:
+        there = ", ".join(sorted(known)[:40]) or "none"
+        _log.warning("%s%s has no event channel; there are %s", source, channel, there)
+    return channel if wanted or channel in known else ""
+
+
+def progress_of(shown: Display, report: ProgramReport) -> RobotProgress:
+    """What the robot shows, and how its last task has ended: a failure is shown already."""
+    is_said = report.result in (ProgramResult.NO_RESULT, ProgramResult.FAILED)
+    result = "" if is_said else ": ".join(filter(None, (report.result.name.lower(), report.reason)))
+    return RobotProgress(shown.kind.name.lower(), shown.text, report.name, result)
 
 
 def run_unless_stopped(agent: ControlAgent) -> None:
@@ -148,13 +170,14 @@ def run(arguments: Sequence[str] | None) -> None:
         planner = RemotePlanner(orb)
         # Before logging on: while kernels compile, the robot sends no heartbeat, and its lease would expire.
         checker = Checker(planner)
-        if settings.channel:
+        if settings.channel != "":
             carry_planning.warm_up()
         session = RemoteSession(orb, Description(settings.name, start, RADIUS_M, MASS_KG, BASE_LIMITS))
         log_on(session, orb, settings)
+        channel = channel_for(orb, settings.channel, session.state().at)
         plans = Plans()
         reports = settings.common.state / MISSIONS
-        others = Cooperation(orb, settings.channel, settings.name, plans, reports)
+        others = Cooperation(orb, channel, settings.name, plans, reports)
         stack.callback(others.close)
         ticks = TickFile(settings.tick_file) if settings.tick_file else None
         if ticks:
@@ -168,7 +191,9 @@ def run(arguments: Sequence[str] | None) -> None:
         stack.callback(follower.close)
         posture = PostureReport(lambda: agent.joints, session.report_posture)
         postures = Repeating("posture", posture.update, lambda: REFRESH_S if agent.is_resting else INTERVAL_S)
-        progress = Repeating("progress", lambda: print(progress_of(agent.state).line(), flush=True), math.inf)
+        progress = Repeating(
+            "progress", lambda: print(progress_of(agent.display, agent.state.program).line(), flush=True), math.inf
+        )
 
         def prepare() -> None:
             follower.attend()
@@ -179,10 +204,11 @@ def run(arguments: Sequence[str] | None) -> None:
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
             follower.attend()
             objects = nearby.movable_objects(session.latest.holding)
-            return checker(wanted, state, objects, nearby.parked_robots())
+            return checker(wanted, state, objects, nearby.parked_robots(), agent.senses)
 
         context = AdaptorContext(settings.name, session, orb)
-        agent = ControlAgent(context, planner, others, nearby, ticks, AgentCalls(check_now, prepare, progress.wake))
+        calls = AgentCalls(check_now, prepare, progress.wake)
+        agent = ControlAgent(context, planner, others, nearby, ticks, calls, settings.protects)
         stack.callback(agent.close)
         session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
         session.floors_since = follower.floors_since
@@ -196,11 +222,12 @@ def run(arguments: Sequence[str] | None) -> None:
 
         path = f"{ROBOTS}/{settings.name}"
         pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures, attend), f"{path}/pool")
+        sensors = orb.activate(RobotSensorsServant(lambda: agent.senses), f"{path}/sensors")
         # One that was logged off must leave the name to another robot that has logged on by it.
-        servants = {path: RobotAgentServant(agent, pool, settings.channel, others)}
+        servants = {path: RobotAgentServant(agent, pool, sensors, channel, others)}
         orb.serve(servants, owns_names=lambda: session.is_logged_on)
-        if settings.channel:
-            stops = RobotChannel(orb, settings.channel, settings.name)
+        if channel:
+            stops = RobotChannel(orb, channel, settings.name)
             stack.callback(stops.close)
             listen_for_stops(stops, settings.name, agent.stop)
         others.start(agent, follower.pool)
@@ -209,6 +236,8 @@ def run(arguments: Sequence[str] | None) -> None:
             run_unless_stopped(agent)
         orb.wait_until_bound(BINDING_LIMIT_S)
         print("ready", flush=True)
+        if not channel:
+            _log.warning("%s has no event channel: it takes part in no mission", settings.name)
         if settings.prints_progress:
             stack.callback(progress.start().close)
         orb.run()

@@ -11,9 +11,10 @@ import shapely
 from matplotlib.font_manager import findfont
 from PIL import Image, ImageDraw, ImageFont
 
+from robocorba.clients.hand_over_facts import in_building
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.mujoco_headless import mujoco
+from robocorba.robot.kinematics.model import Solid, links
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.motion.robot_state import RobotState
 
@@ -39,18 +40,15 @@ class RobotShapes:
 
     def __init__(self) -> None:
         self.body = SmartPalBody()
-        model = self.body.model
-        self._links = [
-            (model.body(int(model.geom_bodyid[geom])).name, _shape(model, geom)) for geom in range(model.ngeom)
-        ]
+        self._links = [(link.name, _shape(solid)) for link in links() for solid in link.solids]
 
     def at(self, state: RobotState) -> list[ConvexShape]:
         """The links at a state, in the building's frame with the floor at z = 0."""
-        links = self.body.links(state.joints)
+        frames = self.body.frames(state.joints)
         found = []
         for name, shape in self._links:
-            position, attitude = links[name]
-            points = shape.points @ _rotation(attitude).T + position
+            position, rotation = frames[name]
+            points = shape.points @ rotation.T + position
             found.append(ConvexShape(in_building(points, state), shape.colour))
         return found
 
@@ -113,34 +111,19 @@ def sheet(hand: HandPose, state: RobotState, long_m: float, wide_m: float, held_
     return ConvexShape(in_building(points, state), (214, 23, 110))
 
 
-def in_building(points: Floats, state: RobotState) -> Floats:
-    """Points (n, 3) [m] from a robot's frame to the building's frame."""
-    c, s = math.cos(state.heading), math.sin(state.heading)
-    return points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]]) + (state.x, state.y, 0.0)
-
-
-def _shape(model: mujoco.MjModel, geom: int) -> ConvexShape:
-    """The shape of a geom, in the frame of its link."""
-    size, kind = model.geom_size[geom], model.geom_type[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        points = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * size
-    else:  # a sphere, or a capsule: two of them
+def _shape(solid: Solid) -> ConvexShape:
+    """The shape of a solid, in the frame of its link."""
+    points = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * solid.half
+    if solid.radius_m:  # a sphere, or a capsule: two of them
         turns = np.linspace(0.0, math.tau, 12, endpoint=False)
         tilts = np.linspace(-math.pi / 2, math.pi / 2, 7)[:, None]
-        ball = size[0] * np.stack(
+        ball = solid.radius_m * np.stack(
             (np.cos(tilts) * np.cos(turns), np.cos(tilts) * np.sin(turns), np.sin(tilts) + 0 * turns), axis=-1
         ).reshape(-1, 3)
-        half = np.array([0.0, 0.0, size[1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0])
+        half = np.array(solid.half)
         points = np.vstack((ball - half, ball + half))
-    red, green, blue = (round(255 * part) for part in model.geom_rgba[geom][:3])
-    return ConvexShape(points @ _rotation(model.geom_quat[geom]).T + model.geom_pos[geom], (red, green, blue))
-
-
-def _rotation(attitude: Floats) -> Floats:
-    """The rotation matrix (3, 3) of a quaternion w, x, y, z."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, attitude)
-    return matrix.reshape(3, 3)
+    red, green, blue = (round(255 * part) for part in solid.colour[:3])
+    return ConvexShape(points + solid.at, (red, green, blue))
 
 
 def _even(px: int) -> int:

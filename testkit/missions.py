@@ -122,12 +122,12 @@ class MissionSystem:
 
     # ---- robots ----
 
-    def start(self, starts: Mapping[str, RobotStart]) -> None:
-        """Start robots simultaneously and wait until all are ready."""
+    def start(self, starts: Mapping[str, RobotStart], *options: str) -> None:
+        """Start robots simultaneously, with options of `robocorba robot`, and wait until all are ready."""
         for name, at in starts.items():
             where = ("--floor", at.floor, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
             adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
-            self.robots[name] = self._robocorba(name, "robot", name, *where, *adaptor, within=at.within)
+            self.robots[name] = self._robocorba(name, "robot", name, *where, *options, *adaptor, within=at.within)
         for name in starts:
             process = self.robots[name]
             assert process.stdout is not None and process.stderr is not None
@@ -196,8 +196,11 @@ class MissionSystem:
 
     def command(self, leader: str, *arguments: str) -> str:
         """Run `robocorba mission ...`, which must succeed; return its output."""
-        process = self._robocorba(leader, "mission", *arguments)
-        out, err = process.communicate(timeout=60.0)
+        return self.printed("mission", *arguments, user=leader)
+
+    def printed(self, *arguments: str, user: str = "user") -> str:
+        """What a command of `robocorba` prints, which must succeed."""
+        out, err = (process := self._robocorba(user, *arguments)).communicate(timeout=60.0)
         assert process.returncode == 0, err
         return out
 

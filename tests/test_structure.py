@@ -22,7 +22,7 @@ DOMAIN = {
     "map_editor": "errors",
     "robot.motion": "errors map_editor.spatial",
     "robot.kinematics": "errors map_editor.spatial",
-    "robot.smartpal_stand_in": "errors map_editor.spatial robot.kinematics",
+    "robot.smartpal_stand_in": "errors map_editor.spatial robot.kinematics robot.senses simulation.sensing",
     "planning": "errors map_editor",
     "robot.data_pool": "errors map_editor",
     "simulation": "errors map_editor planning",
@@ -46,8 +46,16 @@ COMMON = {
     *(
         f"robocorba.system.{name}"
         for name in (
-            *("backoff", "background", "cores", "damaged_files", "decoding", "kernels", "last_order", "lazy_property"),
-            *("output_files", "private_files", "record_file", "repeating", "sqlite_files", "stop_latch"),
+            *("backoff", "background", "cores", "damaged_files", "decoding", "extras", "kernels", "last_order"),
+            *(
+                "lazy_property",
+                "output_files",
+                "private_files",
+                "record_file",
+                "repeating",
+                "sqlite_files",
+                "stop_latch",
+            ),
         )
     ),
 }

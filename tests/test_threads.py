@@ -106,6 +106,26 @@ def test_the_interval_may_change_and_failures_are_logged(caplog: pytest.LogCaptu
     assert "test failed" in caplog.text
 
 
+def test_closing_waits_for_the_call_in_progress_and_no_other_is_made() -> None:
+    begun, go_on, calls = threading.Event(), threading.Event(), list[int]()
+
+    def call() -> None:
+        begun.set()
+        go_on.wait(LIMIT_S)
+        calls.append(1)
+
+    repeating = Repeating("test", call, 0.0).start()
+    assert begun.wait(LIMIT_S)
+    closing = threading.Thread(target=repeating.close)
+    closing.start()
+    repeating.wake()
+    closing.join(0.1)
+    assert (closing.is_alive(), calls) == (True, [])
+    go_on.set()
+    closing.join(LIMIT_S)
+    assert (closing.is_alive(), calls) == (False, [1])
+
+
 def test_each_order_ends_with_a_report_and_the_next_one_has_its_chance() -> None:
     reports: queue.Queue[str] = queue.Queue()
 
@@ -153,9 +173,8 @@ def test_a_property_is_computed_once_for_all_threads() -> None:
     assert values[0] is not values[1]
 
 
-def test_a_thread_and_those_that_it_starts_share_a_core_until_it_leaves_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cores, "_cores", None)
-    found, every = [], os.sched_getaffinity(0)
+def test_a_thread_and_those_that_it_starts_share_a_core() -> None:
+    found, every = list[set[int]](), os.sched_getaffinity(0)
 
     def in_a_thread(call: Callable[[], None]) -> None:
         """So that the threads of other tests keep their cores."""
@@ -167,12 +186,7 @@ def test_a_thread_and_those_that_it_starts_share_a_core_until_it_leaves_it(monke
         cores.share_one()
         found.append(os.sched_getaffinity(0))
         in_a_thread(lambda: found.append(os.sched_getaffinity(0)))
-        cores.share_one()
-        found.extend((os.sched_getaffinity(0), cores.usable()))
-        cores.use_all()
-        found.append(os.sched_getaffinity(0))
 
     in_a_thread(share)
-    assert [len(each) for each in found[:3]] == [1, 1, 1]
+    assert [len(each) for each in found] == [1, 1]
     assert found[0] == found[1] <= every
-    assert [*found[3:], cores.usable()] == [every] * 3

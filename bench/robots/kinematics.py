@@ -21,7 +21,7 @@ from robocorba.errors.robots import Unreachable
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.inverse import InverseKinematics
-from robocorba.robot.kinematics.model import specification
+from robocorba.robot.kinematics.mujoco_headless import specification
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, Side
 from testkit.report import at_least, at_most, distribution, summarize, summary, timed_ms

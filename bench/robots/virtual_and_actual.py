@@ -3,7 +3,8 @@
     python -m bench.robots.virtual_and_actual --runs 3
 
 The sample program both-floors runs in the sample building five-floors. Each run has its own servers, so that the
-elevator starts on the same floor, and each actual run its own stand-in with another noise seed."""
+elevator starts on the same floor, and each actual run its own stand-in with another noise seed. It stands in a world of
+one floor, the upper one, whose wall its sensor has to see."""
 
 from __future__ import annotations
 
@@ -26,7 +27,8 @@ from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifferen
 ROBOT = "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))
 BUILDING, PROGRAM = SAMPLES / "five-floors.yaml", SAMPLES / "both-floors.json"
-WHERE = ("--floor", "L1", "--at", "17,7.5,1.57", "--channel", "main")
+WHERE = ("--floor", "L1", "--at", "17,9.25,1.57", "--channel", "main")
+WORLD = ("--world", str(BUILDING), "--world-floor", "L2", "--world-at", "17", "9.25", "1.57")
 
 
 def last_state(folder: Path, adaptor: str, seed: int) -> AgentState:
@@ -39,7 +41,7 @@ def last_state(folder: Path, adaptor: str, seed: int) -> AgentState:
     ):
         arguments = list(WHERE)
         if adaptor == "smartpal":
-            actual = stack.enter_context(running_stand_in(folder, "--seed", str(seed), orb=orb))
+            actual = stack.enter_context(running_stand_in(folder, "--seed", str(seed), *WORLD, orb=orb))
             arguments += ["--adaptor", "smartpal", "--", "--naming", str(actual.naming)]
         robot = stack.enter_context(robot_process(folder, orb, ROBOT, *arguments))
         robot.robocorba("program", "run", str(PROGRAM), "--robot", ROBOT)

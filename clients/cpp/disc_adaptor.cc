@@ -1,10 +1,11 @@
-// A robot adaptor in C++ with omniORB: a disc without arms that follows each command exactly.
+// A robot adaptor in C++ with omniORB: a disc without arms that follows each command exactly, and its laser.
 //
 //   disc_adaptor corbaloc::127.0.0.1:2809/NameService  A      binds it as RoboCorba/Adaptors/A
-//   robocorba robot A --floor L1 --at 3,4,0 --adaptor corba -- 3 4 0
+//   robocorba robot A --floor L1 --at 3,4,0 --adaptor corba -- 3 4 0 [6.5]
 //
 // What follows -- in the second line are the arguments of `start`: where the robot is, in metres and radians of the
-// building's map. A robot that knows its place by itself reads it from its localisation instead.
+// building's map. A robot that knows its place by itself reads it from its localisation instead. With the fourth one it
+// has a laser, which sees a wall that no map needs to have: the line x = 6.5. Yours asks its driver.
 
 #include <algorithm>
 #include <chrono>
@@ -12,6 +13,7 @@
 #include <cstdlib>
 #include <iostream>
 #include <mutex>
+#include <string>
 
 #include <omniORB4/Naming.hh>
 
@@ -23,12 +25,19 @@ double now() {
   return std::chrono::duration<double>(std::chrono::steady_clock::now().time_since_epoch()).count();
 }
 
-class Disc : public POA_RoboCorba::RobotAdaptor {
+// Ahead, half a turn, a ray for each degree.
+const CORBA::ULong kRays = 181;
+const double kStep = M_PI / 180.0, kRange = 8.0;
+
+class Disc : public POA_RoboCorba::SensingAdaptor {
  public:
   CORBA::Boolean start(const RoboCorba::StringSeq& arguments) override {
     std::lock_guard<std::mutex> guard(mutex_);
     if (isStarted_) return false;
-    if (arguments.length() != 3) throw RoboCorba::AdaptorFailed("the arguments must be X Y HEADING");
+    const auto given = arguments.length();
+    if (given != 3 && given != 4) throw RoboCorba::AdaptorFailed("the arguments must be X Y HEADING [WALL_X]");
+    hasLaser_ = given == 4;
+    wallX_ = hasLaser_ ? std::atof(arguments[3]) : 0.0;
     if (!isPlaced_) {  // at the first start; later, such as after a stop, it knows where it is
       x_ = std::atof(arguments[0]);
       y_ = std::atof(arguments[1]);
@@ -69,6 +78,50 @@ class Disc : public POA_RoboCorba::RobotAdaptor {
     return true;
   }
 
+  // Called once after each start.
+  RoboCorba::RangeSensorSeq* rangeSensors() override {
+    std::lock_guard<std::mutex> guard(mutex_);
+    RoboCorba::RangeSensorSeq_var found = new RoboCorba::RangeSensorSeq();
+    if (hasLaser_) {
+      found->length(1);
+      found[0].name = CORBA::string_dup("laser");
+      found[0].where = RoboCorba::Mount();  // at the centre, ahead
+      found[0].spec.firstAngle = -M_PI / 2.0;
+      found[0].spec.step = kStep;
+      found[0].spec.rays = kRays;
+      found[0].spec.range = kRange;
+      found[0].spec.rim = 0.0;
+      found[0].spec.noise = RoboCorba::ScanNoise();
+    }
+    return found._retn();
+  }
+
+  RoboCorba::ScanData* ranges(const char* sensor) override {
+    std::lock_guard<std::mutex> guard(mutex_);
+    if (!hasLaser_ || std::string(sensor) != "laser") {
+      RoboCorba::StringSeq known;
+      if (hasLaser_) {
+        known.length(1);
+        known[0] = CORBA::string_dup("laser");
+      }
+      throw RoboCorba::UnknownSensor(sensor, known);
+    }
+    move();
+    RoboCorba::ScanData_var seen = new RoboCorba::ScanData();
+    seen->time = movedAt_;
+    seen->firstAngle = -M_PI / 2.0;
+    seen->step = kStep;
+    seen->distances.length(kRays);
+    for (CORBA::ULong ray = 0; ray < kRays; ++ray) {
+      const double distance = (wallX_ - x_) / std::cos(heading_ + seen->firstAngle + ray * kStep);
+      seen->distances[ray] = distance >= 0.0 ? std::min(distance, kRange) : kRange;
+    }
+    return seen._retn();
+  }
+
+  // It has no bumper.
+  RoboCorba::SensorReadingSeq* readings() override { return new RoboCorba::SensorReadingSeq(); }
+
  private:
   // Up to the present, or to the end of the last command.
   void move() {
@@ -83,8 +136,8 @@ class Disc : public POA_RoboCorba::RobotAdaptor {
   }
 
   std::mutex mutex_;
-  bool isStarted_ = false, isPlaced_ = false;
-  double x_ = 0.0, y_ = 0.0, heading_ = 0.0, movedAt_ = 0.0, until_ = 0.0;
+  bool isStarted_ = false, isPlaced_ = false, hasLaser_ = false;
+  double wallX_ = 0.0, x_ = 0.0, y_ = 0.0, heading_ = 0.0, movedAt_ = 0.0, until_ = 0.0;
   RoboCorba::Velocity velocity_ = RoboCorba::Velocity();
 };
 
@@ -119,7 +172,7 @@ int main(int argc, char** argv) {
     manager->activate();
     PortableServer::Servant_var<Disc> disc(new Disc());
     PortableServer::ObjectId_var id = poa->activate_object(disc.in());
-    RoboCorba::RobotAdaptor_var reference = disc->_this();
+    RoboCorba::SensingAdaptor_var reference = disc->_this();
     object = orb->string_to_object(argv[1]);
     CosNaming::NamingContext_var root = CosNaming::NamingContext::_narrow(object);
     bind(root, argv[2], reference);

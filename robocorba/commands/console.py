@@ -7,7 +7,7 @@ import os
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.console.settings import check_installed
+from robocorba.system.extras import require_extra
 from robocorba.system.supervision.launch import module_command
 
 
@@ -17,6 +17,6 @@ def console(context: typer.Context) -> None:
 
     It prints its address, and serves until Ctrl-C or SIGTERM. `--help` lists the options."""
     with reporting("console"):
-        check_installed()
+        require_extra("console", "pages of the console")
     command = module_command("robocorba.clients.console", *context.args)
     os.execv(command[0], command)

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import only_for, require_extra
+from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
-from robocorba.simulation.recording import Recording
+from robocorba.system.extras import require_extra
 from robocorba.system.output_files import check_output
 from robocorba.system.printing import echo
 
@@ -31,20 +31,22 @@ def convert(
     with reporting("convert"):
         check_output(out, [recording], replace=force)
         if ros2:
-            require_extra("ros2", "rosbags")
-            _write_bag(Recording(recording), out, robots, namespaced_tf, force)
+            require_extra("ros2", "bags of ROS 2")
+            _write_bag(recording, out, robots, namespaced_tf, force)
         else:
-            require_extra("foxglove", "foxglove")
+            require_extra("foxglove", "recordings for Foxglove")
             from robocorba.bridges.foxglove import files
+            from robocorba.simulation.recording import Recording
 
             files.convert(Recording(recording), out, overwrite=force)
         size = sum(file.stat().st_size for file in (out.iterdir() if out.is_dir() else [out]))
         echo(f"wrote {out}: {size} bytes")
 
 
-def _write_bag(recording: Recording, folder: Path, robots: str, namespaced_tf: bool, overwrite: bool) -> None:
+def _write_bag(recording: Path, folder: Path, robots: str, namespaced_tf: bool, overwrite: bool) -> None:
     from robocorba.bridges.ros2 import bag
     from robocorba.bridges.ros2.frames import Frames
+    from robocorba.simulation.recording import Recording
     from robocorba.system.plain_names import names_in
 
-    bag.convert(recording, folder, names_in(robots), Frames(namespaced_tf), overwrite=overwrite)
+    bag.convert(Recording(recording), folder, names_in(robots), Frames(namespaced_tf), overwrite=overwrite)

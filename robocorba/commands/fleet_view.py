@@ -17,9 +17,9 @@ from robocorba.system.supervision.fleet import Row, View
 
 HEADER = ("robot", "floor", "does", "program or mission", "restarts", "note")
 #: States of robots that are not under way, in the order in which they are shown: first what needs attention.
-ATTENTION = ("ended", "stopped", "waiting", "starting")
+ATTENTION = ("ended", "exceptional", "queued", "starting")
 #: States before a robot is ready.
-NOT_READY = ("waiting", "starting")
+NOT_READY = ("queued", "starting")
 
 
 def view_for(console: Console) -> LinesView | TableView:
@@ -92,14 +92,14 @@ def starting_of(rows: Sequence[Row]) -> RenderableType:
 
 
 def table_of(rows: Sequence[Row]) -> Table:
-    """First the robots that need attention, then those with a task, then the idle ones; each in the given order."""
+    """First the robots that need attention, then those that work, then those that wait; each in the given order."""
 
     def rank(row: Row) -> int:
-        return ATTENTION.index(row.doing) if row.doing in ATTENTION else len(ATTENTION) + (row.doing == "idle")
+        return ATTENTION.index(row.doing) if row.doing in ATTENTION else len(ATTENTION) + (row.doing == "waiting")
 
     table = Table(*HEADER)
     for row in sorted(rows, key=rank):
-        style = "bold red" if row.doing in ("ended", "stopped") else ""
+        style = "bold red" if row.doing in ("ended", "exceptional") else ""
         table.add_row(*(Text(cell, overflow="ellipsis") for cell in cells_of(row)), style=style)
     return table
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, State, administrator, connected, only_for, require_extra
+from robocorba.commands.options import Naming, State, administrator, connected, only_for
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.console.corba.live_system import LiveSystem, live_system
@@ -16,6 +16,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.simulation.corba.remote_simulation import simulation_server
+from robocorba.system.extras import require_extra
 from robocorba.system.printing import echo
 from robocorba.system.settings import Settings
 
@@ -42,7 +43,7 @@ def foxglove(
     """Show the running system in Foxglove, until Ctrl-C or SIGTERM."""
     only_for("--steer", steer, context, "state")
     with connected("foxglove", naming) as orb:
-        require_extra("foxglove", "foxglove")
+        require_extra("foxglove", "frames for Foxglove")
         from robocorba.bridges.foxglove.live import LiveServer
 
         stop = StopSignal()

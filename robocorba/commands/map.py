@@ -16,6 +16,7 @@ from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
 from robocorba.map_editor.formats import Imported, MapFormat, export_map, known_formats, read_map, written_formats
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
+from robocorba.system.extras import require_extra
 from robocorba.system.logs import one_line
 from robocorba.system.printing import echo, line
 
@@ -150,10 +151,11 @@ def show(
     width: Annotated[int, typer.Option(metavar="PIXELS", min=200, max=8000)] = 1200,
 ) -> None:
     """Draw the floors of a map as a picture."""
-    from robocorba.map_editor.drawing import draw_building, draw_floor
-    from robocorba.map_editor.pictures import save_picture
-
     with reporting("map show", OSError):
+        require_extra("films", "pictures")
+        from robocorba.map_editor.drawing import draw_building, draw_floor
+        from robocorba.map_editor.pictures import save_picture
+
         building = _read(file).building
         if floor and floor not in building.floors:
             raise typer.BadParameter(f"there is no floor {floor!r}; there are {one_line(', '.join(building.floors))}")
@@ -193,14 +195,15 @@ def check(
 
 def _with_topological_map(building: Building, floor: str, radius_m: float) -> Building:
     """The building; a floor without edges gets a topological map, with its present nodes. Prints the result."""
-    from robocorba.map_editor.losses import listed
-    from robocorba.map_editor.topology import topological_map
-
     entry = building.floors[floor]
     nodes, edges = entry.topological.nodes, entry.topological.edges
     if edges:
         line(f"{floor}: topological map kept, it has {len(edges)} edges")
         return building
+    require_extra("maps", "generated topological maps")
+    from robocorba.map_editor.losses import listed
+    from robocorba.map_editor.topology import topological_map
+
     generated = topological_map(building, floor, radius_m, tuple(nodes.values()))
     connected = {name for edge in generated.edges.values() for name in (edge.a, edge.b)}
     unreachable = [name for name in nodes if name not in connected]

@@ -22,6 +22,7 @@ from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, Outage, StopSignal, pr
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import NoLeader
+from robocorba.system.extras import require_extra
 from robocorba.system.names import MISSIONS
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import Settings
@@ -58,6 +59,9 @@ def move_table(
         str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")
     ],
     leader: LeaderName = "",
+    carriers: Annotated[
+        int | None, typer.Option(metavar="N", min=2, max=6, help="How many robots carry (default: by its mass).")
+    ] = None,
     recovery_timeout: Annotated[
         float | None,
         typer.Option(
@@ -77,7 +81,7 @@ def move_table(
 
     stop = StopSignal()
     with connected("mission", naming) as orb:
-        icon = msgspec.json.encode(MoveTable(table, parse_destination(to), recovery_timeout)).decode()
+        icon = msgspec.json.encode(MoveTable(table, parse_destination(to), recovery_timeout, carriers)).decode()
         control = RemoteMissionControl(orb)
         end = _print_progress(control, control.start(leader, icon), stop)
     line(end.result, f"{end.seconds:.1f} s", *filter(None, [end.reason]))
@@ -192,8 +196,14 @@ def report(
             file.write_text(json.dumps(content, indent=1))
         else:
             raise ServiceError(f"no report of a mission in {folder}; name one of `robocorba mission list`")
-        timeline.draw(content, file.parent / timeline.PICTURE)
-        written = page.write(content, file.parent, [(timeline.PICTURE, timeline.CAPTION)])
+        pictures = []
+        try:
+            require_extra("films", "timelines")
+            timeline.draw(content, file.parent / timeline.PICTURE)
+            pictures = [(timeline.PICTURE, timeline.CAPTION)]
+        except ServiceError as error:
+            line(f"note: {error}", err=True)
+        written = page.write(content, file.parent, pictures)
         for table in tables(content):
             Console().print(table)
         if content["reason"]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from robocorba.commands.reporting import reporting
-from robocorba.errors.services import NotReachable, ServiceError
+from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.system.names import ADMINISTRATOR
@@ -51,12 +50,6 @@ def only_for(purpose: str, applies: object, context: typer.Context, *parameters:
         source = context.get_parameter_source(name)
         if name in parameters and source and source.name == "COMMANDLINE":
             raise typer.BadParameter(f"it has no effect, it is for {purpose}", param_hint=f"'{parameter.opts[-1]}'")
-
-
-def require_extra(name: str, package: str) -> None:
-    """Raise ServiceError if a package of an extra of RoboCorba is not installed."""
-    if importlib.util.find_spec(package) is None:
-        raise ServiceError(f"{package} is not installed: pip install 'robocorba[{name}]'")
 
 
 @contextlib.contextmanager

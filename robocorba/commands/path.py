@@ -28,6 +28,7 @@ from robocorba.planning.request import (
     Place,
     RouteMode,
 )
+from robocorba.system.extras import require_extra
 from robocorba.system.printing import Console, echo
 
 
@@ -120,7 +121,8 @@ def as_table(found: Path) -> Table:
 
 
 def draw(building: Building, found: Path, file: File) -> None:
-    """Draw every floor of a path into one PNG."""
+    """Draw every floor of a path into one PNG. Raises ServiceError without the extra films."""
+    require_extra("films", "pictures")
     from robocorba.map_editor.drawing import draw_building
     from robocorba.map_editor.pictures import save_picture
 

@@ -10,14 +10,14 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, connected, require_extra, served_building
+from robocorba.commands.options import Naming, connected, served_building
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.model import Building
 from robocorba.simulation.corba.remote_database import RemoteFloors
-from robocorba.simulation.recording import Recorder
 from robocorba.simulation.system_changes import SystemChanges
+from robocorba.system.extras import require_extra
 from robocorba.system.printing import echo
 
 #: Interval between requests for changes [s].
@@ -40,8 +40,7 @@ def record(
     """Record the running simulation: floors up to 20 times a second, postures, scans and missions, until Ctrl-C or
     SIGTERM or for --seconds."""
     with connected("record", naming) as orb:
-        if foxglove:
-            require_extra("foxglove", "foxglove")
+        require_extra("foxglove" if foxglove else "recordings", "recordings")
         stop = StopSignal()
         floors = floor or []
         RemoteFloors(orb, floors).follow(RESOLVE_TIMEOUT_S)  # reports errors before a file is created
@@ -54,6 +53,8 @@ def record(
 @contextlib.contextmanager
 def compact_file(file: Path, building: Building, overwrite: bool) -> Iterator[Write]:
     """Writes a compact recording. Raises InvalidRecording."""
+    from robocorba.simulation.recording import Recorder
+
     recorder = Recorder(file, building, overwrite)
     try:
         with recorder:

@@ -7,7 +7,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.live import Live
@@ -19,10 +19,13 @@ from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.map_editor.spatial.floor_update import FloorView
-from robocorba.simulation.recording import Recording
+from robocorba.system.extras import require_extra
 from robocorba.system.output_files import check_output, write_outputs
 from robocorba.system.printing import Console, echo
 from robocorba.system.settings import InvalidSetting
+
+if TYPE_CHECKING:
+    from robocorba.simulation.recording import Recording
 
 #: Maximum number of pictures of a video: more than a day at 10 a second.
 MAX_PICTURES = 1_000_000
@@ -56,6 +59,9 @@ def replay(
     only_for("tables and --png", png or not video, context, "at")
     only_for("--video and tables without --at", video or (not png and at is None), context, "speed")
     with reporting("replay"):
+        require_extra("films" if png or video else "recordings", "recordings")
+        from robocorba.simulation.recording import Recording
+
         for output in filter(None, (png, video)):
             check_output(output, [file])
         recording = Recording(file)

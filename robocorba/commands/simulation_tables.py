@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json as json_format
 import math
+import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
@@ -13,8 +15,11 @@ from rich.table import Table
 from rich.text import Text
 
 from robocorba.commands.waiting import RETRY_TIMEOUT_S
+from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
 from robocorba.orb.orb import Orb
+from robocorba.robot.corba.remote_agent import OrderLimits, RemoteAgent, order_all
+from robocorba.robot.corba.remote_agent import robots as bound_robots
 from robocorba.simulation.corba.remote_database import CALL_TIMEOUT_S, RemoteFloors
 from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.printing import Console, line
@@ -36,7 +41,10 @@ class RunningSimulation:
     """The running simulation on the given floors, or on all; reconnects after a failure."""
 
     def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
-        self._floors = RemoteFloors(orb, floors)
+        self._orb, self._floors = orb, RemoteFloors(orb, floors)
+        #: What robots show on their touch panels, and when they are asked again [s, monotonic].
+        self._displays: dict[str, str] = {}
+        self._ask_at = 0.0
         self._server = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
 
     def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SimulationTables:
@@ -53,7 +61,23 @@ class RunningSimulation:
             )
 
         self._server.resolve_timeout_s = resolve_timeout_s
-        return self._server.call(read)
+        tables = self._server.call(read)
+        if tables.robots and time.monotonic() >= self._ask_at:
+            self._ask_displays()
+        shown = [{**row, "display": self._displays.get(row["name"], "")} for row in tables.robots]
+        return tables._replace(robots=shown)
+
+    def _ask_displays(self) -> None:
+        """Ask all robots that have an agent what they show, at most once a second."""
+        shown: dict[str, str] = {}
+
+        def ask(agent: RemoteAgent) -> None:
+            shown[agent.name] = agent.display().text
+
+        with contextlib.suppress(NotReachable):  # the naming service: then nobody says it
+            answers = list(order_all(self._orb, bound_robots(self._orb), ask, OrderLimits(16, 0.5, 1.0)))
+            self._displays = {name: shown.get(name, "no answer") for name, _ in answers}
+        self._ask_at = time.monotonic() + 1.0
 
 
 # ---- state as rows ----
@@ -164,6 +188,7 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("calls/s", "callRate", "{:.1f}".format),
         ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
         ("sensor server", "sensor", _printable),
+        ("shows", "display", _printable),
     ),
     "elevator": (
         ("elevator", "name", _printable),
@@ -197,7 +222,7 @@ def filled_tables(tables: SimulationTables) -> list[tuple[str, tuple[str, ...], 
 
 def as_json(tables: SimulationTables) -> str:
     """All tables of a running simulation as JSON, with the member names of the IDL. A robot's `at` and a sensor
-    server's `load` are flattened, `speed` is added, doors have the names of elevator_state.Doors."""
+    server's `load` are flattened, `speed` and `display` are added, doors have the names of elevator_state.Doors."""
     return json_format.dumps({**tables._asdict(), "server": tables.server[0]}, indent=2)
 
 

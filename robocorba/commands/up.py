@@ -13,11 +13,12 @@ from rich.table import Column, Table
 from robocorba.commands.compiling import compile_with_progress
 from robocorba.commands.options import State, only_for
 from robocorba.commands.reporting import reporting
-from robocorba.console.settings import DEFAULT_PORT, check_installed
+from robocorba.console.settings import DEFAULT_PORT
 from robocorba.orb.naming import corbaname
 from robocorba.orb.tls import load_transport
 from robocorba.system.corba.servers import servers
-from robocorba.system.corba.subnets import parse_subnets, remove_former_links
+from robocorba.system.corba.subnets import default_subnets, parse_subnets, remove_former_links, subnets_of_map
+from robocorba.system.extras import require_extra
 from robocorba.system.names import CONSOLE
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
@@ -44,9 +45,12 @@ def up(
         ),
     ] = None,
     subnets: Annotated[
-        str,
-        typer.Option(metavar="NAME,...", help="The sub-networks: each gets an event channel, linked with the others."),
-    ] = "main",
+        str | None,
+        typer.Option(
+            metavar="NAME,...",
+            help="The sub-networks: each gets an event channel, linked with the others [those of the map, else main].",
+        ),
+    ] = None,
     sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor servers.")] = 1,
     start_limit: Annotated[
         float,
@@ -103,7 +107,10 @@ def up(
             raise InvalidSetting("--building", str(building), "there is no such file")
         if tls is not None:
             load_transport()
-        folder, names = StateFolder(settings.state), parse_subnets(subnets)
+        folder = StateFolder(settings.state)
+        names = default_subnets(folder, building) if subnets is None else parse_subnets(subnets)
+        if missing := [name for name in subnets_of_map(folder, building) if name not in names]:
+            line(f"warning: sub-networks of the map without a channel: {', '.join(missing)}", err=True)
         system = System(
             folder=folder,
             naming=naming,
@@ -121,7 +128,7 @@ def up(
 
 def _console_address(port: int) -> Address:
     """Where the console listens: on the loopback only, since it has the rights of an administrator and no password."""
-    check_installed()
+    require_extra("console", "pages of the console")
     if port == 0:
         with socket.create_server((DEFAULT_HOST, 0)) as probe:
             port = int(probe.getsockname()[1])

@@ -19,6 +19,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.corba.remote_simulation import simulation_server
+from robocorba.system.extras import require_extra
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import InvalidSetting
 
@@ -116,7 +117,8 @@ def film(
     """Film the running simulation; the video is playable however the recording ends. While no picture arrives, the
     video shows the one before. clock: monotonic [s].
 
-    Raises UnknownFloor, InvalidPicture, OutputError, NotReachable."""
+    Raises UnknownFloor, InvalidPicture, OutputError, ServiceError without the extra films."""
+    require_extra("films", "films")
     from PIL import Image  # imported here, since it takes a second to load
 
     from robocorba.console.video import VideoFile

@@ -15,6 +15,7 @@ from typing import Any
 from robocorba.console.arguments import InvalidArguments
 from robocorba.errors.maps import MapFileError
 from robocorba.map_editor.model import Building, with_topology
+from robocorba.system.extras import require_extra
 
 #: Maximum number of uploaded files.
 MAX_FILES = 64
@@ -139,6 +140,7 @@ def _packed(stem: str, files: Mapping[Path, bytes]) -> tuple[str, bytes]:
 
 
 def _with_roads(building: Building, floor: str, radius_m: float) -> tuple[Building, str]:
+    require_extra("maps", "generated topological maps")
     from robocorba.map_editor.topology import topological_map
 
     nodes = tuple(building.floors[floor].topological.nodes.values())

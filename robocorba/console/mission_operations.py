@@ -49,12 +49,10 @@ def _leader(name: str, row: Row) -> dict[str, Any]:
         return {"robot": name, "channel": "", "free": False, "why": "does not answer"}
     # Robots of earlier releases do not tell their mission and channel.
     mission, channel = state.get("mission", ""), state.get("channel", "")
-    if state["condition"] == "STOPPED":
-        why = f"is stopped: {state['reason']}"
+    if state["condition"] != "IDLE":
+        why = state["display"]["text"]
     elif mission:
         why = f"is in mission {mission}"
-    elif state["condition"] != "IDLE":
-        why = "runs a program"
     else:
         why = "" if channel else "has no event channel"
     return {"robot": name, "channel": channel, "free": not why, "why": why}

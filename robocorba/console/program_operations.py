@@ -174,7 +174,7 @@ class ProgramOperations:
 
     def _solver(self) -> InverseKinematics:
         if self._inverse is None:
-            from robocorba.robot.kinematics.inverse import InverseKinematics  # here, since it loads the physics engine
+            from robocorba.robot.kinematics.inverse import InverseKinematics  # here, since it loads kernels
 
             self._inverse = InverseKinematics()
         return self._inverse

@@ -184,7 +184,7 @@ class Console:
             return JSONResponse({"error": str(error)}, 404)
 
 
-# The modules that these import load the physics engine, which takes seconds: not in the thread of the event loop.
+# Made in a thread of their own, not in that of the event loop.
 
 
 def _link_tree() -> Any:

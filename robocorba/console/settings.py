@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import getpass
-import importlib.util
 import ssl
 import sys
 import time
@@ -13,7 +12,6 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from robocorba.errors.services import ServiceError
 from robocorba.system.decoding import read_text
 from robocorba.system.names import SUPERVISOR
 from robocorba.system.settings import Address, InvalidSetting, Settings
@@ -25,12 +23,6 @@ MIN_PASSWORD = 8
 #: Default of the number of pages that are served at the same time; each costs memory, and time of the event loop.
 DEFAULT_VIEWERS = 64
 LOOPBACK_HOSTS = frozenset({"localhost", "127.0.0.1", "::1"})
-
-
-def check_installed() -> None:
-    """Raises ServiceError without the packages of the console."""
-    if importlib.util.find_spec("nicegui") is None:
-        raise ServiceError("the console's packages are not installed: pip install 'robocorba[console]'")
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,22 @@ class MotionFailed(RobotError):
     """The robot did not reach its target."""
 
 
+class Blind(MotionFailed):
+    """The protective field holds the robot, since there is no present scan of `sensor`; `reason` is the cause."""
+
+    def __init__(self, sensor: str, reason: str) -> None:
+        self.sensor, self.reason = sensor, reason
+        super().__init__(f"the protective field holds the robot: {sensor}: {reason}")
+
+
+class Bumped(MotionFailed):
+    """The robot has touched something: its bumper has counted `contacts` more."""
+
+    def __init__(self, contacts: int) -> None:
+        self.contacts = contacts
+        super().__init__(f"the robot stops, since its bumper has counted {contacts} contacts: something touches it")
+
+
 class RideLost(MotionFailed):
     """The robot's elevator ride has ended before it was at its destination: its session ended, or the doors closed."""
 

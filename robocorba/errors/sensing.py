@@ -1,8 +1,10 @@
-"""Errors of virtual sensors."""
+"""Errors of virtual sensors, and of a robot's own."""
 
 from __future__ import annotations
 
-from robocorba.errors.base import FieldError, StructuredError
+from collections.abc import Sequence
+
+from robocorba.errors.base import FieldError, NamedError, StructuredError
 
 
 class InvalidScan(FieldError):
@@ -15,3 +17,10 @@ class SensorBehind(StructuredError):
     lag_s: float
     limit_s: float
     message = "the sensor's floor data is {lag_s:.2f} s old, more than {limit_s:g} s; the Omni database does not answer"
+
+
+class UnknownSensor(NamedError):
+    """The robot has no sensor called `name`; `known` lists those that it has."""
+
+    known: Sequence[str]
+    message = "the robot has no sensor {name!q}; known are {known!l}"

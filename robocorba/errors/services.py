@@ -30,6 +30,10 @@ class NotReachable(ServiceError):
     """A name could not be resolved, or its object did not answer, in time."""
 
 
+class NotBound(NotReachable):
+    """The naming service does not know a name."""
+
+
 class NotPermitted(StructuredError, NotReachable):
     """`what` refuses a call: the caller's role does not include it."""
 

@@ -25,6 +25,10 @@ class Draft:
         self._removed_floors: set[str] = set()
         self.size = 0
 
+    def find(self, state: EditorState, wanted: ElementKey) -> Element | None:
+        """An element as edited so far."""
+        return self._after[wanted] if wanted in self._after else state.building.find(*wanted)
+
     def create(self, state: EditorState, floor: str, element: Element) -> None:
         """Add an element. Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
         new = key_of(floor, element)

@@ -38,6 +38,10 @@ class EditSession(Opened):
         """A summary of the edit that `redo` would repeat; empty if there is none."""
         return self._editor.last_summary(self._in_use().undone)
 
+    def find(self, kind: ElementKind, floor: str, name: str) -> Element | None:
+        """An element, None if there is none."""
+        return self._editor.building.find(kind, floor, name)
+
     def create(self, floor: str, element: Element) -> int:
         """As BuildingEditor.create."""
         return self._editor.create(floor, element, self._in_use())

@@ -13,7 +13,7 @@ from robocorba.map_editor.model import TYPE_OF, Element, ElementKind
 from robocorba.system.decoding import convert
 
 #: Units of the members with a dimension; m is that of points and of all other numbers.
-_UNITS = {"heading": "rad", "speed": "m/s", "speed_limit": "m/s", "door_time": "s", "level": ""}
+_UNITS = {"heading": "rad", "speed": "m/s", "speed_limit": "m/s", "door_time": "s", "level": "", "mass": "kg"}
 #: Members that name other elements: of which kind.
 _REFERENCES = {
     (ElementKind.NODE, "elevator"): ElementKind.ELEVATOR,

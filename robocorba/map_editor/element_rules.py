@@ -9,6 +9,7 @@ import math
 import re
 import unicodedata
 from collections.abc import Callable, Iterator, Sequence
+from ipaddress import ip_address
 from itertools import pairwise
 from typing import Any
 
@@ -86,6 +87,8 @@ def _object(map_object: MapObject) -> Iterator[str]:
     yield from _point("at", map_object.at)
     yield from _number("heading", map_object.heading)
     yield from _size("height", map_object.height)
+    if map_object.mass:
+        yield from _number("mass", map_object.mass, 0.1, 10_000.0)
     shape = map_object.shape
     if isinstance(shape, SegmentShape):
         yield from _size("length", shape.length)
@@ -108,6 +111,13 @@ def _area(area: Area) -> Iterator[str]:
     yield from _polygon("the polygon", area.polygon)
     if area.subnet:
         yield from name_violations("subnet", area.subnet)
+    if area.gateway:
+        try:
+            ip_address(area.gateway)
+        except ValueError:
+            yield f"gateway {area.gateway[:80]!r} is not an IP address, such as 192.168.0.1"
+        if not area.subnet:
+            yield "it has a gateway, but no subnet"
 
 
 def _node(node: PathNode) -> Iterator[str]:

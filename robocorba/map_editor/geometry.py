@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely import LineString, Polygon, STRtree
+from shapely import LineString, Point, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.map_editor.derived import Derived
 from robocorba.map_editor.model import (
+    Area,
     BoxShape,
     Building,
     CabinSide,
@@ -163,6 +164,13 @@ def landing_line(elevator: Elevator, door: ElevatorDoor) -> LineString:
         CabinSide.RIGHT: ((x, low), (x, high)),
     }
     return shapely.linestrings(to_floor_frame(ends[door.side], elevator.at, elevator.heading))
+
+
+def subnet_at(areas: Iterable[Area], at: XY) -> str:
+    """The sub-network of the smallest of the areas around a point that name one; empty if none does."""
+    shapes = [(Polygon(area.polygon), area.subnet) for area in areas if area.subnet]
+    around = [(shape.area, subnet) for shape, subnet in shapes if shape.intersects(Point(at))]
+    return min(around)[1] if around else ""
 
 
 def bounds(building: Building, floor: str, margin_m: float = 1.0) -> tuple[float, float, float, float]:

@@ -479,6 +479,13 @@ class Transaction(Opened):
         """As BuildingEditor.remove."""
         self._editor.add_edit(self, lambda draft, state: draft.remove(state, kind, floor, name, expected), None)
 
+    def find(self, kind: ElementKind, floor: str, name: str) -> Element | None:
+        """An element as edited so far."""
+        found: list[Element | None] = []
+        wanted = key(kind, floor, name)
+        self._editor.add_edit(self, lambda draft, state: found.append(draft.find(state, wanted)), None)
+        return found[0]
+
     def problems(self) -> list[Finding]:
         """Every rule that `commit` would break now, and every edit of others that it would overwrite, with places.
 

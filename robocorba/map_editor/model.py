@@ -105,7 +105,8 @@ Shape: TypeAlias = SegmentShape | BoxShape | CircleShape | PolygonShape
 
 
 class MapObject(_Struct, frozen=True):
-    """An object on the floor: table, shelf, column. Robots can push or carry movable objects."""
+    """An object on the floor: table, shelf, column. Robots can push or carry movable objects. `mass` in kg, 0 for that
+    of a table of its area, 9 kg/m^2."""
 
     name: str
     shape: Shape
@@ -113,6 +114,7 @@ class MapObject(_Struct, frozen=True):
     heading: float = 0.0
     height: float = 1.0
     movable: bool = False
+    mass: float = 0.0
 
 
 class Door(_Struct, frozen=True):
@@ -126,11 +128,13 @@ class Door(_Struct, frozen=True):
 
 
 class Area(_Struct, frozen=True):
-    """A named polygon of a floor: a room, a zone to avoid. `subnet` names its sub-network, if it has one."""
+    """A named polygon of a floor: a room, a zone to avoid. `subnet` names its sub-network, if it has one;
+    `gateway` is the IP address of that one's gateway, if it is known."""
 
     name: str
     polygon: tuple[XY, ...]
     subnet: str = ""
+    gateway: str = ""
 
 
 class PathNode(_Struct, frozen=True):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,6 +12,7 @@ import msgspec
 
 from robocorba.errors.maps import InvalidElement
 from robocorba.map_editor import validation
+from robocorba.map_editor.element_rules import violations
 from robocorba.map_editor.model import (
     COLLECTION_OF,
     Area,
@@ -44,11 +45,17 @@ class _FloorEntry(Floor, frozen=True):
     edges: tuple[PathEdge, ...] = ()
 
 
+class _Subnet(msgspec.Struct, forbid_unknown_fields=True):
+    name: str
+    gateway: str
+
+
 class _BuildingFile(msgspec.Struct, forbid_unknown_fields=True):
     robocorba: int
     name: str
     floors: tuple[_FloorEntry, ...]
     elevators: tuple[Elevator, ...] = ()
+    subnets: tuple[_Subnet, ...] = ()
 
 
 def load(path: str | Path) -> Building:
@@ -88,16 +95,39 @@ def parse(file: YamlFile) -> Building:
     if type(version) is not int or version != 1:
         raise file.error("$.robocorba", f"this release reads format version 1, not {version!r}")
     content = file.convert(_BuildingFile)
+    gateways = _gateways(file, content)
     floors: dict[str, FloorMap] = {}
     for i, entry in enumerate(content.floors):
         at = f"$.floors[{i}]"
         if entry.name in floors:
             raise file.error(f"{at}.name", f"there is a floor {entry.name!r} already")
+        areas = tuple(
+            area if area.gateway else msgspec.structs.replace(area, gateway=gateways.get(area.subnet, ""))
+            for area in entry.areas
+        )
+        entry = msgspec.structs.replace(entry, areas=areas)
         floors[entry.name] = FloorMap.of(
             Floor(entry.name, entry.level, entry.elevation, entry.height, entry.outline),
             {kind: _by_name(getattr(entry, key), f"{at}.{key}", file) for kind, (_layer, key) in COLLECTION_OF.items()},
         )
     return Building(content.name, by_level(floors), _by_name(content.elevators, "$.elevators", file))
+
+
+def _gateways(file: YamlFile, content: _BuildingFile) -> dict[str, str]:
+    """The gateways of sub-networks by name."""
+    known = {area.subnet for floor in content.floors for area in floor.areas}
+    found: dict[str, str] = {}
+    for i, subnet in enumerate(content.subnets):
+        at = f"$.subnets[{i}]"
+        if subnet.name in found:
+            raise file.error(at, f"the name {subnet.name!r} is used twice")
+        if subnet.name not in known:
+            raise file.error(f"{at}.name", f"no area has the subnet {subnet.name!r}")
+        probe = Area("probe", ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)), subnet.name, subnet.gateway)
+        for reason in violations(probe):
+            raise file.error(f"{at}.gateway", reason)
+        found[subnet.name] = subnet.gateway
+    return found
 
 
 def _by_name(elements: Iterable[E_], at: str, file: YamlFile) -> dict[str, E_]:
@@ -140,22 +170,37 @@ def dumps(building: Building) -> str:
         f"name: {_flow(building.name)}",
         "floors:" if building.floors else "floors: []",
     ]
+    gateways = _common_gateways(building)
     for name, entry in building.floors.items():
         floor = msgspec.to_builtins(entry.floor)
         out += [f"{'- ' if i == 0 else '  '}{key}: {_flow(value)}" for i, (key, value) in enumerate(floor.items())]
         for kind, (_layer, key) in COLLECTION_OF.items():
-            out += _listed(f"  {key}:", "  ", building.elements(kind, name).values())
+            out += _listed(f"  {key}:", "  ", building.elements(kind, name).values(), gateways)
     out += _listed("elevators:", "", building.elevators.values())
+    if gateways:
+        rows = ({"name": name, "gateway": gateway} for name, gateway in gateways.items())
+        out += ["subnets:", *(f"- {_flow(row)}" for row in rows)]
     return "\n".join(out) + "\n"
 
 
-def _listed(head: str, indent: str, elements: Iterable[Element]) -> list[str]:
-    lines = [f"{indent}- {_flow(_entry(element))}" for element in elements]
+def _common_gateways(building: Building) -> dict[str, str]:
+    """The gateways of those sub-networks whose areas have the same one, by name; the others stay in the areas."""
+    found: dict[str, set[str]] = {}
+    for floor in building.floors.values():
+        for area in floor.geometrical.areas.values():
+            found.setdefault(area.subnet, set()).add(area.gateway)
+    return {name: min(each) for name, each in found.items() if name and len(each) == 1 and "" not in each}
+
+
+def _listed(head: str, indent: str, elements: Iterable[Element], gateways: Container[str] = ()) -> list[str]:
+    lines = [f"{indent}- {_flow(_entry(element, gateways))}" for element in elements]
     return [head, *lines] if lines else []
 
 
-def _entry(element: Element) -> dict[str, Any]:
+def _entry(element: Element, gateways: Container[str]) -> dict[str, Any]:
     entry: dict[str, Any] = msgspec.to_builtins(element)
+    if isinstance(element, Area) and element.subnet in gateways:
+        del entry["gateway"]
     if isinstance(element, PathEdge) and element.name == _default_name(element):
         del entry["name"]
     return entry

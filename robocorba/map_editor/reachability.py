@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from itertools import pairwise
 
+import networkx as nx
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components
 from shapely import Polygon, STRtree
 
 from robocorba.errors.maps import describe
 from robocorba.map_editor.collisions import TOUCH_M, all_paths, obstacle_label
 from robocorba.map_editor.geometry import obstacles
 from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.arrays import Longs, connected_parts
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.time_limit import no_limit
 
@@ -39,7 +39,7 @@ class Reachability:
         drives = np.concatenate([np.empty((0, 2), int), *(self._drives(floor) for floor in building.floors)])
         links = np.concatenate([drives, self._rides()])
         self._entered = set(drives[:, 1].tolist())
-        self._part = connected_components(_graph(links, len(self._index)), connection="weak")[1]
+        self._part = connected_parts(links[:, 0], links[:, 1], len(self._index))
         self._into, self._out = _both_ways(links, self._part)
         self._too_close = {floor: self._nodes_too_close(floor) for floor in building.floors}
         self._walled_in = {floor: self._nodes_walled_in(floor) for floor in building.floors}
@@ -217,21 +217,15 @@ def _stops(building: Building) -> dict[str, list[tuple[str, str]]]:
     return stops
 
 
-def _graph(links: Links, size: int) -> csr_array:
-    return csr_array((np.ones(len(links), np.int8), (links[:, 0], links[:, 1])), (size, size))
-
-
-def _both_ways(links: Links, part: NDArray[np.int32]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _both_ways(links: Links, part: Longs) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Which nodes the largest strongly connected component of their part reaches, and which nodes reach it."""
-    size = len(part)
-    piece = connected_components(_graph(links, size), connection="strong")[1]
-    by_size = np.argsort(-np.bincount(piece)[piece], kind="stable") if size else np.empty(0, int)
-    cores = by_size[np.unique(part[by_size], return_index=True)[1]]
-    start = np.column_stack([np.full(len(cores), size), cores])  # an additional node leads to all cores
+    graph: nx.DiGraph[int] = nx.DiGraph(links.tolist())
+    graph.add_nodes_from(range(len(part)))
+    pieces = sorted((-len(piece), min(piece)) for piece in nx.strongly_connected_components(graph))
+    # The largest piece of each part comes last.
+    cores = {int(part[node]): node for _, node in reversed(pieces)}.values()
     reached = []
-    for directed in (links, links[:, ::-1]):
-        order = breadth_first_order(
-            _graph(np.concatenate([directed, start]), size + 1), size, return_predecessors=False
-        )
-        reached.append(np.isin(np.arange(size), order))
+    for directed in (graph, graph.reverse(copy=False)):
+        nodes = list(set(cores).union(*(nx.descendants(directed, core) for core in cores)))
+        reached.append(np.isin(np.arange(len(part)), nodes))
     return reached[0], reached[1]

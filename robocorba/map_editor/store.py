@@ -27,7 +27,7 @@ from robocorba.map_editor import underlay_table
 from robocorba.map_editor.changes import Change, EditorState, ElementKey, Versions, elements_of
 from robocorba.map_editor.edits import EditRecord
 from robocorba.map_editor.element_rules import size_of
-from robocorba.map_editor.model import TYPE_OF, Building, Element, ElementKind
+from robocorba.map_editor.model import TYPE_OF, Area, Building, Element, ElementKind
 from robocorba.map_editor.pages import (
     MAX_PAGE_LENGTH,
     ChangePage,
@@ -437,6 +437,13 @@ class MapStore:
         """Set or remove the picture below a floor, durably. Raises InvalidElement if there is no room for it."""
         with self._changing() as writer:
             underlay_table.write(writer, floor, underlay)
+
+
+def stored_areas(path: Path) -> list[Area]:
+    """The areas of all floors of a store, which may be open. Raises MapFileError."""
+    with _guarded(path), closing(_connect(path, "ro")) as connection:
+        rows = connection.execute("SELECT value FROM elements WHERE kind = 'area' ORDER BY id")
+        return [decode_json(value, Area) for (value,) in rows]
 
 
 def _connect(path: Path, mode: str) -> sqlite3.Connection:

@@ -8,6 +8,7 @@ import contextlib
 import logging
 import time
 from collections.abc import Callable, Collection
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -44,12 +45,13 @@ class Interrupted(MissionFailed):
 class LeaderRobot:
     """The robot that leads a mission, as its leader uses it. place: returns where it is. areas: what it reserves.
     interruption: returns why its user or its own state ends the mission, else an empty string. look: what is on its
-    floor, by its data pool."""
+    floor, by its data pool. awaiting: see ExecutionControl."""
 
     place: Callable[[], Place]
     areas: LeaderAreas
     interruption: Callable[[], str] = lambda: ""
     look: Look = lambda: ()
+    awaiting: Callable[[Callable[[], str]], AbstractContextManager[None]] = lambda wait: contextlib.nullcontext()
 
     def check(self, prefix: str = "") -> None:
         """Raise Interrupted if the mission is to end, with a prefix to its reason."""
@@ -81,6 +83,9 @@ class Attempt:
         #: The latest state of each member, and when a state of it was received last [s, monotonic].
         self.states: dict[str, MemberState] = {}
         self._received_at: dict[str, float] = {}
+        #: Those that have not finished the present step, and those that hold up a carry.
+        self._late: set[str] = set()
+        self._holding_up: set[str] = set()
         #: See Order.
         self._received_states: dict[str, tuple[float, float]] = {}
         #: Of the present carry.
@@ -127,6 +132,7 @@ class Attempt:
             self._rhythm = LeaderRhythm(at, self._policy.rate_change_lead_s, trajectory.duration, *begun)
         phase = self._led.begin_phase(self.plan, self._phase_name(step), at, self.without)
         while not self._active <= phase.done.keys():
+            self._late = self._active - phase.done.keys()
             self.publish_order()
             self.receive_states(0.02)
             done_before = len(phase.done)
@@ -150,8 +156,15 @@ class Attempt:
 
     def _order_for(self, step: int, at: float) -> Order:
         self._ordered_at, self._rhythm = 0.0, None
+        self._late, self._holding_up = set(), set()
         mission, leader, term = self.plan.mission, self._name, self._led.term
         return Order(mission=mission, leader=leader, term=term, step=step, at=at, without=sorted(self.without))
+
+    def _waits_for(self) -> list[str]:
+        """See Order."""
+        if self._way and self._way.blocker:
+            return [f"a free way: {self._way.reason}"]
+        return sorted(self._holding_up or self._late)
 
     def _phase_name(self, step: int) -> str:
         if self._way and self._way.blocker:
@@ -186,10 +199,12 @@ class Attempt:
 
     def _carry_rate(self) -> float:
         """The rate at which the carry may continue, 0 to 1."""
-        worst_m = max((self.states[name].error_m for name in self._active & self.states.keys()), default=0.0)
-        if self._silent(self._policy.carry_pause_timeout_s) or worst_m > self._policy.stop_error_m:
+        errors_m = {name: self.states[name].error_m for name in self._active & self.states.keys()}
+        far = {name for name, error_m in errors_m.items() if error_m > self._policy.stop_error_m}
+        self._holding_up = far | self._silent(self._policy.carry_pause_timeout_s)
+        if self._holding_up:
             return 0.0
-        return 0.5 if worst_m > self._policy.slow_error_m else 1.0
+        return 0.5 if max(errors_m.values(), default=0.0) > self._policy.slow_error_m else 1.0
 
     def _trajectory_s(self, step: int) -> float:
         """The trajectory time [s] at which the members stand in a step that has begun."""
@@ -326,7 +341,8 @@ class Attempt:
         now = time.monotonic()
         if now - self._ordered_at >= self._policy.order_interval_s:
             self._ordered_at = now
-            order, at = replace(self._order, received_states=dict(self._received_states)), OWN_CLOCK.now()
+            states = dict(self._received_states)
+            order, at = replace(self._order, received_states=states, waits_for=self._waits_for()), OWN_CLOCK.now()
             if self._rhythm is None:
                 self._transport.publish(order)
                 return

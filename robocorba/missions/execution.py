@@ -95,7 +95,9 @@ class StepExecutor:
                 raise MotionFailed("the reservation of the path's areas was lost")
             return found.granted
 
-        if not self._robot.wait(step.limit_s, is_granted):
+        with self._robot.execution.awaiting(lambda: "reserved areas"):
+            is_reserved = self._robot.wait(step.limit_s, is_granted)
+        if not is_reserved:
             raise MotionFailed(f"the path's areas were not granted within {step.limit_s:g} s")
 
     @execute.register

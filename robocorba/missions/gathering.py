@@ -7,7 +7,6 @@ import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from itertools import combinations, permutations
 
-import numpy as np
 import shapely
 from shapely.geometry.base import BaseGeometry
 
@@ -109,17 +108,20 @@ def assign_places(
 
     length_m: path length from one place to another, None if there is no path. Raises MissionFailed if there are too
     few robots, or if no robot can reach a place."""
-    from scipy.optimize import linear_sum_assignment  # takes long to load; only leaders need it
+    import networkx as nx  # takes long to load; only leaders need it
 
     names = sorted(robots, key=lambda name: (name != leader, name))
     if len(names) < len(places):
         raise MissionFailed(f"{len(places)} robots are needed; {', '.join(names)} are free")
     lengths = [[length_m(robots[name], place) for place in places] for name in names]
     # In m²: a place that a robot can't reach costs more than a plan without the leader, names[0].
-    costs = np.array([[1e12 if length is None else length**2 for length in row] for row in lengths])
-    costs[0] -= 1e10
-    rows, columns = linear_sum_assignment(costs)
-    found = {int(column): int(row) for row, column in zip(rows, columns, strict=True)}
+    costs = [[1e12 if length is None else length**2 for length in row] for row in lengths]
+    costs[0] = [cost - 1e10 for cost in costs[0]]
+    graph: nx.Graph[int] = nx.Graph()  # places are below zero; whole numbers, since it computes exactly with these only
+    for row, of_robot in enumerate(costs):
+        graph.add_weighted_edges_from((row, ~column, -round(1e6 * cost)) for column, cost in enumerate(of_robot))
+    pairs = [sorted(pair) for pair in nx.max_weight_matching(graph, maxcardinality=True)]
+    found = {~place: row for place, row in pairs}
     for column, place in enumerate(places):
         row = found[column]
         if lengths[row][column] is None:

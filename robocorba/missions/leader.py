@@ -146,7 +146,8 @@ class Leader:
                 began = time.monotonic()
                 planner = self._planner_with_areas(make_planner, staying)
                 deadline += time.monotonic() - began  # waiting for areas may take longer than agreeing
-                free, busy = self._collect_offers(planner)
+                with self._robot.awaiting(lambda: "offers of helpers"):
+                    free, busy = self._collect_offers(planner)
                 if missing := _lacking(planner, free, busy):
                     is_hopeless = not busy or _lacking(planner, [*free, *busy])
                     if is_hopeless and not is_recovering:
@@ -155,7 +156,8 @@ class Leader:
                     candidates = self._candidates(planner, free, {*refusing, *staying})
                     plan = planner.plan(self._led.attempt, self._name, candidates, staying)
                     attempt = self._begin(plan, planner)
-                    refusing = self._refusals(attempt)
+                    with self._robot.awaiting(lambda: "the answers of helpers"):
+                        refusing = self._refusals(attempt)
                     if not refusing:
                         return attempt
                     reasons = "; ".join(f"{name}: {why}" for name, why in refusing.items())
@@ -173,7 +175,7 @@ class Leader:
                 staying = {}
             if time.monotonic() > deadline:
                 raise MissionFailed(missing)
-            self._pause(random.uniform(0.0, policy.max_retry_pause_s))
+            self._pause(random.uniform(0.0, policy.max_retry_pause_s), f"another try: {missing}")
 
     def _planner_with_areas(
         self, make_planner: Callable[[], CooperativePlanner], staying: Collection[str]
@@ -190,12 +192,13 @@ class Leader:
         """See ReserveOneOf. Raises MissionFailed, SimulationError, RobotLost."""
         policy, areas = self._policy, self._robot.areas
         index = areas.request(alternatives, hold_s)
-        answered = time.monotonic()
+        answered, ahead = time.monotonic(), 0
         while True:
             try:
                 state = areas.state()
                 if state and state.granted:
                     break
+                ahead = state.ahead if state else 0
                 if state is None:  # the robot was logged off meanwhile
                     index = areas.request(alternatives, hold_s)
                 answered = time.monotonic()
@@ -207,7 +210,7 @@ class Leader:
                 self._led.begin_without_robots(WAITING_FOR_AREAS)
             if time.monotonic() > self._areas_deadline:
                 raise MissionFailed(f"the areas were not granted within {policy.areas_timeout_s:g} s")
-            self._pause(policy.areas_interval_s)
+            self._pause(policy.areas_interval_s, f"reserved areas, {ahead} ahead")
         if self._has_waited:
             self._led.begin_without_robots(ASKING)
         return index
@@ -217,12 +220,13 @@ class Leader:
         self._led.begin_without_robots(f"clearing the way: {', '.join(sorted(aside))}")
         requests = Requests(aside, self._led.attempt, self._led.term, self._transport, self._policy)
         self._transport.subscribe([(WayMade, name) for name in requests.robots])
-        while requests.robots:
-            requests.update()
-            received = self._transport.receive(0.05)
-            if received and isinstance(received.message, WayMade):
-                requests.receive(received.message)
-            self._robot.check()
+        with self._robot.awaiting(lambda: f"{' and '.join(requests.robots)} to step aside"):
+            while requests.robots:
+                requests.update()
+                received = self._transport.receive(0.05)
+                if received and isinstance(received.message, WayMade):
+                    requests.receive(received.message)
+                self._robot.check()
         return requests.staying
 
     def _collect_offers(self, planner: CooperativePlanner) -> tuple[dict[str, Place], dict[str, str]]:
@@ -271,11 +275,12 @@ class Leader:
         names = names[: planner.helpers + self._policy.spare_candidates]
         return {self._name: self._robot.place(), **{name: free[name] for name in names}}
 
-    def _pause(self, seconds: float) -> None:
+    def _pause(self, seconds: float, awaited: str) -> None:
         until = time.monotonic() + seconds
-        while (left := until - time.monotonic()) > 0.0:
-            time.sleep(min(left, 0.05))
-            self._robot.check()
+        with self._robot.awaiting(lambda: awaited):
+            while (left := until - time.monotonic()) > 0.0:
+                time.sleep(min(left, 0.05))
+                self._robot.check()
 
     def _refusals(self, attempt: Attempt) -> dict[str, str]:
         """Robots that refuse their SubPlan, with the reasons; then the attempt has ended and the others are free again.

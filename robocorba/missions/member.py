@@ -28,6 +28,9 @@ _log = logging.getLogger(__name__)
 class MemberPolicy:
     """Intervals and timeouts of a member."""
 
+    #: A robot that has offered its help, and for this time [s] receives orders but no assignment, reads the plan in the
+    #: leader's data pool.
+    plan_timeout_s: float = 1.0
     #: The member brakes after this time without orders from its leader [s], twice the interval between them, and drives
     #: on with the next order. Carries have a limit of their own.
     pause_timeout_s: float = 0.2
@@ -224,22 +227,39 @@ class Member:
     def _wait_for(self, number: int) -> None:
         """Wait until the leader's start time of a step; after the last one for the end. Raises Aborted, or the robot's
         interruption."""
-        while True:
-            self._robot.execution.check()
-            with self._changed:
-                order = self._order
-                if order.end == "done" and number == len(self._subplan.steps):
+        with self._robot.execution.awaiting(self._awaited_between_steps):
+            while True:
+                self._robot.execution.check()
+                with self._changed:
+                    order = self._order
+                    if order.end == "done" and number == len(self._subplan.steps):
+                        return
+                    if order.end:
+                        raise Aborted(order.reason or "the mission ended early")
+                    if order.step < number:
+                        self._changed.wait(0.1)
+                        continue
+                early_s = order.at - self._clock.now()
+                if early_s <= 0.0:
                     return
-                if order.end:
-                    raise Aborted(order.reason or "the mission ended early")
-                if order.step < number:
-                    self._changed.wait(0.1)
-                    continue
-            early_s = order.at - self._clock.now()
-            if early_s <= 0.0:
-                return
-            # The last 5 ms in one piece.
-            time.sleep(min(early_s, 0.05) if early_s > 0.005 else early_s)
+                # The last 5 ms in one piece.
+                time.sleep(min(early_s, 0.05) if early_s > 0.005 else early_s)
+
+    def _awaited_between_steps(self) -> str:
+        order = self._order
+        late = [name for name in order.waits_for if name != self._subplan.robot and order.step == self._step]
+        return " and ".join(late) or self._silent_leader or "the next step"
+
+    @property
+    def _silent_leader(self) -> str:
+        return f"its leader {self.leader}, which is silent" if self._is_waiting_for_leader or self.is_orphaned else ""
+
+    def _awaited_within_step(self) -> str:
+        """What holds it up: a silent leader, or in a carry what the leader waits for; empty if nothing does."""
+        order = self._order
+        is_carrying = isinstance(self._subplan.steps[self._step], Carry)
+        is_held_up = is_carrying and order.step == self._step and not order.rate
+        return self._silent_leader or (" and ".join(order.waits_for) if is_held_up else "")
 
     def _do_step(self, number: int) -> None:
         step = self._subplan.steps[number]
@@ -247,7 +267,8 @@ class Member:
         self._late_at = time.monotonic() + step.limit_s
         self._begun.append(IconBegun(number, f"steps[{number}]", self._phase(), time.monotonic() - self._began))
         self._update_report()
-        self._executor.execute(step)
+        with self._robot.execution.awaiting(self._awaited_within_step):
+            self._executor.execute(step)
         self._late_at = float("inf")
         self._is_done = True
 

@@ -98,8 +98,9 @@ class Order(_LeaderMessage, frozen=True, kw_only=True):
     step, at: the current step of all robots and its start time; step is -1 before the first one. trajectory_s, rate,
     since: trajectory time of the carried body [s] at time `since`, and its rate from then on (0: stopped, 1: as
     planned). without: robots whose part has ended, while the others carry on. end: empty while the mission runs, then
-    "done" or "aborted"; reason: of the abort. received_states: for each robot, when it sent its latest state (by its
-    own clock) and when the leader received it, for LeaderClock."""
+    "done" or "aborted"; reason: of the abort. waits_for: for display, the robots that have not finished the step, or
+    what holds up the carry. received_states: for each robot, when it sent its latest state (by its own clock) and when
+    the leader received it, for LeaderClock."""
 
     step: int = -1
     at: float = 0.0
@@ -109,6 +110,7 @@ class Order(_LeaderMessage, frozen=True, kw_only=True):
     without: list[str] = field(default_factory=list)
     end: str = ""
     reason: str = ""
+    waits_for: list[str] = field(default_factory=list)
     received_states: dict[str, tuple[float, float]] = field(default_factory=dict, name="heard")
 
 

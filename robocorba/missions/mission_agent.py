@@ -16,7 +16,7 @@ from robocorba.missions.execution import ObjectLocator
 from robocorba.missions.making_way import MakingWay
 from robocorba.missions.member import DEFAULT_POLICY, Member, MemberPolicy
 from robocorba.missions.messages import Answer, Assignment, Call, MakeWay, Message, Offer, Order, WayMade
-from robocorba.missions.subplan import Reserve
+from robocorba.missions.subplan import CooperativePlan, Reserve
 from robocorba.missions.transport import Received, Transport
 from robocorba.robot.agent import ControlAgent
 from robocorba.robot.kinematics.smartpal import JOINTS
@@ -32,6 +32,7 @@ _log = logging.getLogger(__name__)
 
 class MissionAgent:
     """Takes part in missions from `start` to `close`. agent: of the robot. locate: returns objects in its frame.
+    plan_of: reads a plan by leader and mission in the leader's data pool; None if that fails, after 2 s at most.
     on_orphaned: called with a mission and its term when the leader is silent and the robot can lead the mission, as it
     has ended its part or holds an object; must not block."""
 
@@ -42,9 +43,14 @@ class MissionAgent:
         locate: ObjectLocator,
         policy: MemberPolicy = DEFAULT_POLICY,
         on_orphaned: Callable[[str, int], None] = lambda mission, term: None,
+        plan_of: Callable[[str, str], CooperativePlan | None] = lambda leader, mission: None,
     ) -> None:
         self._transport, self._agent, self._locate, self._policy = transport, agent, locate, policy
-        self._on_orphaned = on_orphaned
+        self._on_orphaned, self._plan_of = on_orphaned, plan_of
+        #: The call that it has answered last, until it gets its assignment or is not needed; since when the leader's
+        #: orders come without one [s, monotonic].
+        self._offered: Call | None = None
+        self._missing_since = 0.0
         self._member: Member | None = None
         #: The highest term of each of the latest 100 missions, the latest one last.
         self._terms: dict[str, int] = {}
@@ -107,7 +113,9 @@ class MissionAgent:
 
     def _subscribe(self) -> None:
         member = self._member
-        leader = "" if member is None else "*" if member.is_orphaned else member.leader
+        leader = self._offered.leader if self._offered else ""
+        if member is not None:
+            leader = "*" if member.is_orphaned else member.leader
         if leader != self._orders_from:
             patterns: list[tuple[type[Message], str]] = [(Call, "*"), (Assignment, "*"), (MakeWay, "*")]
             if leader:
@@ -133,6 +141,8 @@ class MissionAgent:
             return
         if isinstance(message, Order) and self._member:
             self._member.follow(message, received.received_at)
+        elif isinstance(message, Order):
+            self._catch_up(message)
         elif isinstance(message, Call):
             self._answer_call(message)
         elif isinstance(message, Assignment) and message.subplan.robot == self._transport.name:
@@ -164,6 +174,37 @@ class MissionAgent:
         name, leader = self._transport.name, call.leader
         offer = Offer(mission=call.mission, robot=name, leader=leader, floor=floor, x=x, y=y, busy=busy)
         self._transport.publish(offer, RETRY_S)
+        if not busy:
+            self._offered, self._missing_since = call, 0.0
+
+    def _catch_up(self, order: Order) -> None:
+        """Read the SubPlan in the leader's data pool if its event is lost: the leader waits for answers still."""
+        call = self._offered
+        if call is None or call.mission != order.mission:
+            return
+        if order.step >= 0 or order.end:
+            self._offered = None
+            return
+        now = time.monotonic()
+        self._missing_since = self._missing_since or now
+        if now - self._missing_since < self._policy.plan_timeout_s:
+            return
+        self._missing_since = now  # of the next attempt, if this one fails
+        plan = self._plan_of(order.leader, order.mission)
+        if plan is not None:
+            self._offered = None
+            _log.info("mission %s: read the plan in the data pool of %s", order.mission, order.leader)
+            for subplan in plan.subplans:
+                if subplan.robot == self._transport.name:
+                    self._answer_assignment(
+                        Assignment(
+                            mission=order.mission,
+                            leader=order.leader,
+                            term=order.term,
+                            phases=plan.phases,
+                            subplan=subplan,
+                        )
+                    )
 
     @property
     def _has_arms(self) -> bool:
@@ -198,7 +239,7 @@ class MissionAgent:
 
     def _answer_assignment(self, assignment: Assignment) -> None:
         """Accept if the robot is free. A repeated assignment gets the same answer."""
-        mission, leader, reason = assignment.mission, assignment.leader, ""
+        mission, leader, reason, self._offered = assignment.mission, assignment.leader, "", None
         if self._member is None or self._member.mission != mission:
             reason = self._accept(assignment)
         answer = Answer(mission=mission, robot=self._transport.name, leader=leader, accepts=not reason, reason=reason)

@@ -49,13 +49,20 @@ SUCCESSION_S = 12.0
 class MoveTablePlanner(CooperativePlanner):
     """Plans the missions of the icon move_table (see CooperativePlanner). It plans the carry when it is created.
 
-    As many robots carry as the object's weight needs, at least two. Where several elevators lead to the goal, it takes
-    the one that it is granted the soonest. Raises GoalReached, MissionFailed, ImpossibleCarry, NotReachable."""
+    carriers: how many robots carry; None for as many as the object's mass needs, at least two. Where several elevators
+    lead to the goal, it takes the one that it is granted the soonest. Raises GoalReached, MissionFailed,
+    ImpossibleCarry, NotReachable."""
 
-    def __init__(self, world: World, table: str, goal: Destination) -> None:
+    def __init__(self, world: World, table: str, goal: Destination, carriers: int | None = None) -> None:
         self._world = world
         self._object = carried = world.movable(table)
-        count = max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
+        least = max(2, math.ceil(carried.mass_kg / PAYLOAD_KG - 1e-9))
+        count = carriers or least
+        if count < least:
+            raise MissionFailed(
+                f"{table} has a mass of {carried.mass_kg:g} kg, and each robot carries {PAYLOAD_KG:g} kg: "
+                f"it needs {least} carriers, not {count}"
+            )
         start, to = Pose(carried.floor, *carried.pose), Pose(goal.floor, goal.x, goal.y, goal.heading)
         if _is_at(start, to):
             raise GoalReached(f"{table} is at its goal")

@@ -14,14 +14,14 @@ from typing import Any, NoReturn
 from omniORB import CORBA
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotPermitted, NotReachable, ServiceError
+from robocorba.errors.services import NotBound, NotPermitted, NotReachable, ServiceError
 
 #: Maximum length of each text in an IDL exception [characters]; it may quote input of any length.
 MAX_TEXT = 500
 #: The modules of robocorba/ that register errors.
 SUBJECTS = (
     *("events.corba.events", "map_editor.corba.maps", "missions.corba.missions", "orb.guarded_names"),
-    *("planning.corba.paths", "robot.corba.robot_states", "simulation.corba.scans"),
+    *("planning.corba.paths", "robot.corba.robot_states", "robot.corba.senses", "simulation.corba.scans"),
     *("simulation.corba.sessions", "system.corba.processes"),
 )
 
@@ -119,5 +119,6 @@ def _with_short_texts(exception: Any) -> Any:
 register_system(ServiceError, CORBA.PERSIST_STORE)
 # What the servant's process calls itself does not answer now.
 register_system(NotReachable, CORBA.TRANSIENT)
+register_system(NotBound, CORBA.TRANSIENT)
 # Its caller's role does not include an operation, or that of the servant's process does not.
 register_system(NotPermitted, CORBA.NO_PERMISSION)

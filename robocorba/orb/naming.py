@@ -13,7 +13,7 @@ from urllib.parse import quote, unquote
 import CosNaming
 from omniORB import CORBA, URI
 
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import NotBound, NotReachable
 from robocorba.orb.bounded_any import invoke
 from robocorba.orb.calls import describe, set_call_timeout
 from robocorba.orb.ior import address_of
@@ -91,7 +91,7 @@ class NamingService:
         try:
             found = resolve(self._root(call_timeout_s), self._components(name))
         except (CosNaming.NamingContext.NotFound, CosNaming.NamingContext.CannotProceed):
-            raise NotReachable(f"the naming service at {self.address} does not know {name}") from None
+            raise NotBound(f"the naming service at {self.address} does not know {name}") from None
         except CORBA.SystemException as error:
             raise self._unanswered(error) from None
         if found is None:

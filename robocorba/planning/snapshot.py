@@ -9,13 +9,11 @@ from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from robocorba.errors.paths import Blocker, NoPath
 from robocorba.map_editor.model import Building, ElementKind, FloorMap, MapObject, PolygonShape, Wall
 from robocorba.map_editor.movable import movables
-from robocorba.map_editor.spatial.arrays import Floats, Longs
+from robocorba.map_editor.spatial.arrays import Floats, Longs, connected_parts
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M, XY
 from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.heuristics import COST_IN_METRES, make_heuristics
@@ -93,10 +91,7 @@ class BuildingSnapshot:
             if len(factor := self.factor(avoid_elevators, graph)):
                 usable &= np.isfinite(factor)
             origin = np.repeat(np.arange(len(roads.xy)), np.diff(roads.first))
-            links = csr_array(
-                (np.ones(int(usable.sum()), np.int8), (origin[usable], roads.to[usable])), (len(roads.xy),) * 2
-            )
-            return connected_components(links, directed=False)[1].astype(np.int64)
+            return connected_parts(origin[usable], roads.to[usable], len(roads.xy))
 
         return self._once("components", (radius_m, avoid_elevators, graph), make)
 

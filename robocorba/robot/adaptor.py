@@ -11,6 +11,7 @@ from typing import NoReturn
 
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.senses import Senses
 
 
 class ArgumentParser(argparse.ArgumentParser):
@@ -34,6 +35,8 @@ class RobotAdaptor(ABC):
     is_in_building = False
     #: Whose answers `read` and `write` wait for, in messages to users.
     waits_for = "the robot's adaptor"
+    #: What the robot senses; None for a robot without sensors. Known once the adaptor has started.
+    senses: Senses | None = None
 
     @abstractmethod
     def start(self, argv: Sequence[str]) -> bool:

@@ -7,9 +7,12 @@ import functools
 import logging
 import math
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
+
+from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
@@ -21,6 +24,7 @@ from robocorba.planning.request import PathPoint
 from robocorba.robot import model_switcher
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
+from robocorba.robot.display import Display, DisplayKind, display_of
 from robocorba.robot.emergency_stop import EmergencyStop
 from robocorba.robot.high_controller import Callbacks, HighController
 from robocorba.robot.kinematics.inverse import InverseKinematics
@@ -28,10 +32,13 @@ from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.robot.programs.base_checks import Planner
+from robocorba.robot.programs.checker import check_sensors
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
+from robocorba.robot.protective_field import ProtectiveField
 from robocorba.robot.robot import Robot
 from robocorba.robot.runner import OtherRobots, Runner
+from robocorba.robot.senses import Senses, program_ranges_m
 from robocorba.robot.session import SessionState, once_back
 from robocorba.robot.teleoperation import Teleoperation, check_order
 from robocorba.robot.tick_file import TickFile
@@ -75,13 +82,14 @@ class AgentCalls:
     check: Callable[[Program, AgentState], CheckReport] = lambda program, state: CheckReport()
     #: Before each task, to bring up to date what rests while the robot has none.
     prepare: Callable[[], None] = lambda: None
-    #: After changes of condition and task; must not block.
+    #: After changes of condition, task and display; must not block.
     changed: Callable[[], None] = lambda: None
 
 
 class ControlAgent:
     """Thread-safe. others: for events and cooperative icons. ticks: records programs. nearby: other robots and
-    obstacles; see Robot."""
+    obstacles; see Robot. protects: whether robots have a protective field; None: actual ones that have range
+    sensors."""
 
     def __init__(
         self,
@@ -91,9 +99,10 @@ class ControlAgent:
         nearby: Nearby | None = None,
         ticks: TickFile | None = None,
         calls: AgentCalls = AgentCalls(),
+        protects: bool | None = None,
     ) -> None:
         self._context, self._planner, self._others = context, planner, others
-        self._nearby, self._ticks, self._calls = nearby, ticks, calls
+        self._nearby, self._ticks, self._calls, self._protects = nearby, ticks, calls, protects
         self.name, self.session = context.name, context.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
@@ -102,6 +111,11 @@ class ControlAgent:
         self._robot: Robot | None = None
         self._program: Program | None = None
         self._task: Task | None = None
+        #: Its part in the mission that the task leads, if that is so.
+        self._part: Task | None = None
+        #: What the touch panel shows, and since when [s, monotonic].
+        self._shown, self._shown_at = Display(DisplayKind.WAITING, ""), 0.0
+        self._showing = threading.Lock()
         self._thread: threading.Thread | None = None
         self._cap: float | None = None
         self._is_virtual = False
@@ -188,6 +202,10 @@ class ControlAgent:
             robot = self.robot
             if self._program is None:
                 raise IllegalOrder("run a program", "has none loaded")
+            lacking = CheckReport()  # since the program was loaded, the adaptor may have been switched
+            check_sensors(self._program, lacking, self._adaptor, program_ranges_m(self.senses))
+            for finding in lacking.findings:
+                raise IllegalOrder("run the loaded program", f"can't sense what it needs: {finding}")
             robot.execution.reset(is_stepping)
             self._begin(Runner(self._program, robot, self._others, mission))
 
@@ -272,7 +290,7 @@ class ControlAgent:
                 self._refuse_while_running("take part in a mission")
             robot = self.robot
             if for_own_mission:
-                part = make(robot)
+                self._part = part = make(robot)
                 Background("own part", part.run, functools.partial(self._task_failed, part)).start()
                 return part
             robot.execution.reset(False)
@@ -351,6 +369,11 @@ class ControlAgent:
             raise RobotLost(f"{self.name} was not started")
         return self._controller.state.joints
 
+    @property
+    def senses(self) -> Senses | None:
+        """What the robot behind the present adaptor senses; None without sensors."""
+        return self._controller.senses if self._controller else None
+
     def refresh(self) -> None:
         """Read the robot's state now if it rests."""
         if controller := self._controller:
@@ -375,6 +398,23 @@ class ControlAgent:
             controller.jitter_s,
             self._report,
         )
+
+    @property
+    def display(self) -> Display:
+        """What the robot's touch panel shows. It calls nobody, so it is there while others hang. Raises RobotLost."""
+        controller, robot = self._controller, self._robot
+        if controller is None or robot is None:
+            raise RobotLost(f"{self.name} was not started")
+        with self._showing:
+            part, awaited = self._part, robot.execution.awaited or controller.awaited
+            is_in_part = part is not None and part.report.result is ProgramResult.NO_RESULT
+            report = part.report if part and is_in_part else self._report
+            shown = display_of(self._condition(controller), controller.stopped, report, awaited, controller.is_lost)
+            now = time.monotonic()
+            if shown != self._shown:
+                self._shown, self._shown_at = shown, now
+                self._calls.changed()
+            return shown._replace(seconds=now - self._shown_at)
 
     @property
     def robot(self) -> Robot:
@@ -408,12 +448,23 @@ class ControlAgent:
             on_stop=self._calls.changed,
             on_held=self.stop,
         )
-        controller = HighController(made, self._emergency.latch, calls)
+        is_protected = not made.is_in_building if self._protects is None else self._protects
+        robot_at = self._nearby.robot_at if self._nearby else lambda x, y: None
+        field = ProtectiveField(lambda: made.senses, self._carried, robot_at) if is_protected else None
+        controller = HighController(made, self._emergency.latch, calls, field=field)
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)
+        if field and not field.sensors:
+            if self._protects:
+                controller.close()
+                raise AdaptorFailed(f"the robot of the adaptor {adaptor} has no range sensors for a protective field")
+            _log.warning("the robot of the adaptor %s has no range sensors: no protective field", adaptor)
         self._controller, self._adaptor = controller, adaptor
         self._robot = Robot(controller, self.session, self._kinematics, self._planner, self._nearby)
+
+    def _carried(self) -> BaseGeometry | None:
+        return self._nearby.carried(self.session.latest.holding) if self._nearby else None
 
     @property
     def _is_ready(self) -> bool:
@@ -449,7 +500,7 @@ class ControlAgent:
             finally:
                 self._calls.changed()
 
-        self._task = task
+        self._task, self._part = task, None
         self._thread = Background("program", run, functools.partial(self._task_failed, task))
         self._thread.start()
         if controller := self._controller:
@@ -490,6 +541,8 @@ class ControlAgent:
             controller.check_alive()
         with contextlib.suppress(RobotLost):  # the controller detects and reports it, too
             self.session.heartbeat()
+        if self._robot:
+            _ = self.display  # notes since when it shows that, also while nobody asks
 
     def _follow(self, state: RobotState) -> None:
         """Make the body in the building follow an actual robot; this also keeps the lease."""

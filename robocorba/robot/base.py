@@ -18,7 +18,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.request import Path, PathPoint, PathRequest, Place, PointKind, RouteMode
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES
-from robocorba.robot.collision_avoidance.giving_way import Blocked, GiveWay
+from robocorba.robot.collision_avoidance.giving_way import Blocked, GiveWay, in_the_way
 from robocorba.robot.collision_avoidance.neighbours import Nearby, OtherRobot
 from robocorba.robot.collision_avoidance.stepping_aside import place_aside
 from robocorba.robot.elevator_rides import (
@@ -165,10 +165,11 @@ class BaseMovements:
         """A path around another robot as soon as there is one, searched twice a second; after the policy's longest
         pause the map's path."""
         deadline = self.clock() + nearby.policy.max_search_s
-        while self.clock() < deadline:
-            if points := self._path_around(goal, speed, other.name):
-                return points
-            self.wait(0.5)
+        with self.execution.awaiting(lambda: f"a free way: {in_the_way(other)}"):
+            while self.clock() < deadline:
+                if points := self._path_around(goal, speed, other.name):
+                    return points
+                self.wait(0.5)
         return self._path_past_objects(goal, speed)
 
     def _drive_along(self, points: Sequence[PathPoint], heading: float | None, limit: float) -> None:
@@ -235,8 +236,16 @@ class BaseMovements:
                 raise RideLost(otherwise)
             return ride.phase.value >= phase.value
 
-        if not self.wait(limit_s, is_there):
-            raise MotionFailed(otherwise)
+        with self.execution.awaiting(self._awaited_cabin):
+            if not self.wait(limit_s, is_there):
+                raise MotionFailed(otherwise)
+
+    def _awaited_cabin(self) -> str:
+        """The elevator, while the robot waits for its doors."""
+        ride = self.session.latest.ride
+        if ride is None or ride.phase is not RidePhase.WAITING:
+            return ""
+        return f"elevator {ride.elevator}" + (f", {ride.ahead} ahead" if ride.ahead else "")
 
     def _ride(
         self, elevator: str, destination: str, inside: Sequence[XY], limit: float, speeds: Sequence[float]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from robocorba.errors.robots import RobotError
 
@@ -39,6 +40,8 @@ class ExecutionControl:
         self.check_interval_s = CHECK_INTERVAL_S
         self._lock = threading.Lock()
         self._interruptions: list[RobotError] = []
+        #: Each says what the program waits for; what began last is the last one.
+        self._waits: list[Callable[[], str]] = []
         self._is_released = threading.Event()
         self._is_released.set()
         self.is_stepping = False
@@ -103,7 +106,26 @@ class ExecutionControl:
         with self._lock:
             return self._interruptions[0] if self._interruptions else None
 
+    @property
+    def awaited(self) -> str:
+        """What the program waits for, the innermost of several; empty if it does not wait."""
+        with self._lock:
+            waits = self._waits[::-1]
+        return next((text for wait in waits if (text := wait())), "")
+
     # ---- for the program's thread ----
+
+    @contextlib.contextmanager
+    def awaiting(self, wait: Callable[[], str]) -> Iterator[None]:
+        """Inside of it the program waits for what `wait` says, such as `B and C`; empty while it does not wait. Any
+        thread may call it then."""
+        with self._lock:
+            self._waits.append(wait)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._waits.remove(wait)
 
     def check(self) -> None:
         """Wait while the program is paused; raise its interruption."""

@@ -25,7 +25,9 @@ from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.robot.motion.motion import Motion, MotionCommand
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
+from robocorba.robot.protective_field import ProtectiveField
 from robocorba.robot.realtime import use_realtime_scheduling
+from robocorba.robot.senses import Senses
 from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.registry import LEASE_S
 from robocorba.system.background import Background
@@ -107,8 +109,9 @@ class HighController:
         stops: StopLatch | None = None,
         calls: Callbacks | None = None,
         timing: Timing = Timing(),
+        field: ProtectiveField | None = None,
     ) -> None:
-        self._adaptor, self._timing, self._calls = adaptor, timing, calls or Callbacks()
+        self._adaptor, self._timing, self._calls, self._field = adaptor, timing, calls or Callbacks(), field
         self.speed_cap = min(SPEED_CAP, BASE_LIMITS.speed)
         self.argv: Sequence[str] = ()
         self._stops = stops or StopLatch()
@@ -137,6 +140,8 @@ class HighController:
         self._waits_for = ""
         #: Why the last attempt to reconnect to a lost robot failed, and how many did so in a row.
         self._reconnect_problem, self._reconnect_failures = "", 0
+        #: What the motion waits for, by its last command; and when the robot's clock advanced last [s, monotonic].
+        self._awaited, self._advanced_at = "", 0.0
         #: The last commanded velocity, in the building's frame.
         self._velocity: Velocity = ZERO_VELOCITY
         self._targets = np.zeros(len(JOINT_LOWER))
@@ -148,6 +153,9 @@ class HighController:
         #: Lateness of the ticks of the last ten seconds [s].
         self.late_s: deque[float] = deque(maxlen=500)
         self._read_at = 0.0
+        #: How long the ticks of the last second took [s]; when this one began, and how long after the one before it.
+        self._took_s: deque[float] = deque(maxlen=50)
+        self._began = self._since_last_s = 0.0
         #: The time in which this process has run.
         self._awake = AttendedTime(longest_pause_s=timing.longest_check_pause_s)
         #: When the last tick began, or the next one is due: by `_awake`, and by the clock.
@@ -160,6 +168,8 @@ class HighController:
         self.argv = argv
         with self._adaptor_in_use:
             self._begin()
+        if self._field:
+            self._field.start(self.cancel)
         self._start_loop()
 
     def close(self) -> None:
@@ -170,10 +180,17 @@ class HighController:
         if self._loop:
             self._loop.join(self._timing.end_limit_s)
         self._stop_adaptor()
+        if self._field:
+            self._field.close()
 
     @property
     def is_closed(self) -> bool:
         return self._closing.is_set()
+
+    @property
+    def senses(self) -> Senses | None:
+        """What the robot behind the adaptor senses; None without sensors."""
+        return self._adaptor.senses
 
     # ---- motions ----
 
@@ -262,6 +279,16 @@ class HighController:
         self._check_hang()
         self._halt_if_due()
 
+    @property
+    def awaited(self) -> str:
+        """What the robot, or its motion, waits for; empty if neither does."""
+        limit_s = self._timing.check_interval_s
+        if (whom := self._waits_for) and self._silent_s > limit_s:
+            return f"{whom}, which does not answer"
+        if time.monotonic() - self._advanced_at > limit_s + self._timing.rest_tick_s:
+            return f"{self._adaptor.waits_for}, whose time stands"
+        return self._awaited
+
     def check(self) -> None:
         """Raise IllegalOrder or RobotLost if the robot is stopped."""
         if reason := self.stopped:
@@ -302,7 +329,7 @@ class HighController:
                 ahead, left, turn = state.velocity
                 self._velocity = *turned(ahead, left, state.heading), turn
                 self._targets = state.joints.copy()
-                self.state, self._read_at = state, time.monotonic()
+                self._note_state(state)
             if end:
                 end(seen)
             self._losses.end(losses)
@@ -420,15 +447,18 @@ class HighController:
 
     def _use_adaptor(self) -> None:
         state, robot = RobotState(), self._adaptor.waits_for
+        before, self._began = self._began, time.monotonic()
+        self._since_last_s = min(max(self._began - before, TICK_S), VALID_S)
         try:
             if not self._answer_of(robot, self._adaptor.read, state):
                 if not (self.stopped or self._closing.is_set()):  # by a late halt after a stop that has ended meanwhile
                     self.lose("its adaptor was stopped")
                 return
             self._answer_of("the simulation server", self._calls.on_state, state)
-            self.state, self._read_at = state, time.monotonic()
+            self._note_state(state)
             command = self._command(state)
             self._answer_of(robot, self._adaptor.write, command)
+            self._took_s.append(time.monotonic() - self._began)
             self._calls.on_command(state, command)
         except RobotHeld as error:
             if not self.stopped:  # a stop makes the adaptor's calls fail, and has set its own reason
@@ -441,6 +471,12 @@ class HighController:
         except DEFECTS as error:  # a defect of an adaptor must not leave the robot driving
             _log.exception("the adaptor failed")
             self._fail(f"{type(error).__name__}: {error}")
+
+    def _note_state(self, state: RobotState) -> None:
+        now = time.monotonic()
+        if state.time != self.state.time:
+            self._advanced_at = now
+        self.state, self._read_at = state, now
 
     def _halt_if_due(self) -> None:
         """After a stop of the latch that was set elsewhere."""
@@ -510,7 +546,8 @@ class HighController:
 
     def _command(self, state: RobotState) -> ActorCommand:
         wanted = self._motion_command(state)
-        velocity = self._limited(wanted.velocity, state.heading)
+        velocity = self._next_velocity(wanted.velocity, state)
+        self._awaited = wanted.awaited or (self._field.awaited if self._field else "")
         joints, velocities = wanted.joints, wanted.joint_velocities
         if joints is None or velocities is None:
             joints, velocities = self._targets, np.zeros(len(self._targets))
@@ -538,22 +575,39 @@ class HighController:
             self._end_motion(MotionFailed(f"{type(error).__name__}: {error}"))
         return MotionCommand()
 
-    def _limited(self, wanted: Velocity, heading: float) -> Velocity:
-        """Limit a velocity to the cap and to the base's acceleration, the latter in the building's frame: in the frame
-        of a turning robot, even a constant velocity changes its direction."""
-        ahead, left, turn = wanted
-        speed = math.hypot(ahead, left)
-        if speed > self.speed_cap:
-            ahead, left = ahead * self.speed_cap / speed, left * self.speed_cap / speed
+    def _next_velocity(self, wanted: Velocity, state: RobotState) -> Velocity:
+        """What to command for a wanted velocity, within the limits and the protective field."""
+        (vx, vy), turn = turned(wanted[0], wanted[1], state.heading), wanted[2]
+        cap, field = self.speed_cap, self._field
+        if field:
+            field.observe(state, max(time.monotonic() - self._began, *self._took_s, 0.0))
+            if vx or vy or any(self._velocity[:2]):
+                field.attend()
+            try:
+                cap = min(cap, field.hold(vx, vy))
+            except MotionFailed as error:
+                self._end_motion(error)
+                cap = 0.0
+        # Where ticks are late, the base still brakes as hard as it can.
+        step_s = self._since_last_s if cap < math.hypot(*self._velocity[:2]) else TICK_S
+        found = self._limited(vx, vy, turn, cap, step_s)
+        if field and math.hypot(*found[:2]) > field.allowed_m_s(*found[:2]):
+            found = self._limited(0.0, 0.0, turn, 0.0, self._since_last_s)  # in the direction in which it drives
+        self._velocity = found
+        return *turned(found[0], found[1], -state.heading), found[2]
+
+    def _limited(self, wanted_x: float, wanted_y: float, turn: float, cap: float, step_s: float) -> Velocity:
+        """Limit a velocity to the cap and, for a step, to the base's acceleration, in the building's frame: in the
+        frame of a turning robot, even a constant velocity changes its direction."""
+        speed = math.hypot(wanted_x, wanted_y)
+        if speed > cap:
+            wanted_x, wanted_y = wanted_x * cap / speed, wanted_y * cap / speed
         turn = min(max(turn, -BASE_LIMITS.turn_speed), BASE_LIMITS.turn_speed)
         vx, vy, turning = self._velocity
-        wanted_x, wanted_y = turned(ahead, left, heading)
         dx, dy = wanted_x - vx, wanted_y - vy
-        share = min(1.0, BASE_LIMITS.acceleration * TICK_S / max(math.hypot(dx, dy), 1e-12))
+        share = min(1.0, BASE_LIMITS.acceleration * step_s / max(math.hypot(dx, dy), 1e-12))
         step = BASE_LIMITS.turn_acceleration * TICK_S
-        turning += min(max(turn - turning, -step), step)
-        self._velocity = vx + dx * share, vy + dy * share, turning
-        return *turned(self._velocity[0], self._velocity[1], -heading), turning
+        return vx + dx * share, vy + dy * share, turning + min(max(turn - turning, -step), step)
 
     def _end_motion(self, error: RobotError | None) -> None:
         with self._lock:

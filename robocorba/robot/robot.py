@@ -12,16 +12,15 @@ import numpy as np
 from robocorba.errors.robots import MotionFailed
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import out_of
+from robocorba.robot import senses
 from robocorba.robot.base import BaseMovements
 from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.high_controller import HighController
 from robocorba.robot.kinematics.inverse import InverseKinematics
-from robocorba.robot.kinematics.smartpal import GRIP, JOINT_ACCELERATION, JOINT_SPEED, JOINTS, RADIUS_M, Side
+from robocorba.robot.kinematics.smartpal import GRIP, JOINT_ACCELERATION, JOINT_SPEED, JOINTS, Side
 from robocorba.robot.motion.joint_motion import GripMotion, JointMotion
 from robocorba.robot.programs.base_checks import Planner
 from robocorba.robot.session import BuildingSession
-from robocorba.simulation.registry import Pose
-from robocorba.simulation.sensing.scan import Mount, ray_sensor
 
 
 class Robot(BaseMovements):
@@ -41,13 +40,9 @@ class Robot(BaseMovements):
         self._held: dict[Side, str] = {}
 
     def nearest_m(self, sensor: str) -> float:
-        """The least distance that a sensor measures, from its centre the laser, from the robot's rim the proximity
-        sensors [m]; its range if it sees nothing. sensor: its name in programs. Raises InvalidScan, SensorBehind,
-        RobotLost."""
-        state, about = self.controller.state, ray_sensor(sensor)
-        at = Pose(self.session.latest.at.floor, state.x, state.y, state.heading)
-        distances = self.session.scan(at, Mount(), about.spec(RADIUS_M))
-        return float(distances[about.rays.index(sensor)] if sensor in about.rays else np.min(distances))
+        """The least distance that the robot's own sensor measures, as `senses.nearest_m`. sensor: its name in programs.
+        Raises UnknownSensor, AdaptorFailed, RobotLost."""
+        return senses.nearest_m(self.controller.senses, sensor)
 
     @property
     def joints(self) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import fnmatch
+import functools
 import re
 import threading
 import time
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple, Protocol
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import MotionFailed
+from robocorba.errors.robots import MotionFailed, ServerAway
 from robocorba.robot.agent_state import IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.execution_control import CHECK_INTERVAL_S, Aborted, SensorStop
 from robocorba.robot.programs import hands, icons
@@ -20,6 +21,7 @@ from robocorba.robot.programs.icons import Condition, Icon, Outcome, kind, sides
 from robocorba.robot.programs.program import Program, icons_with_paths
 from robocorba.robot.robot import Robot
 from robocorba.system.background import Background
+from robocorba.system.backoff import Backoff
 
 #: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
 BLIND_LIMIT_S = 1.0
@@ -106,7 +108,9 @@ class Runner:
             postures = hands.joint_path(icon, self._robot.joints, self._robot.kinematics)
             self._robot.move_joints_along(postures, icon.seconds or 0.0)
         elif isinstance(icon, icons.WaitUntil):
-            return "done" if self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition)) else "timed_out"
+            with self._robot.execution.awaiting(lambda: _words(icon.condition)):
+                is_met = self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition))
+            return "done" if is_met else "timed_out"
         elif isinstance(icon, icons.StopIfCloser):
             return self._run_watched(icon, path)
         elif isinstance(icon, icons.Repeat):
@@ -139,10 +143,11 @@ class Runner:
     # ---- conditions ----
 
     def _is_met(self, condition: Condition) -> bool:
-        if isinstance(condition, icons.CloserThan):
-            return self._robot.nearest_m(condition.sensor) < condition.distance
-        if isinstance(condition, icons.FartherThan):
-            return self._robot.nearest_m(condition.sensor) >= condition.distance
+        if isinstance(condition, icons.CloserThan | icons.FartherThan):
+            # A sensor server that restarts is back within two seconds.
+            ask = functools.partial(self._robot.nearest_m, condition.sensor)
+            nearest_m = Backoff(0.02, 0.1).call(ask, 2 * BLIND_LIMIT_S, ServerAway)
+            return (nearest_m < condition.distance) == isinstance(condition, icons.CloserThan)
         if isinstance(condition, icons.Holding):
             return all(self._robot.holds(side) for side in sides(condition.hand))
         if isinstance(condition, icons.Result):
@@ -194,6 +199,16 @@ class Runner:
 
     def _update(self, **changes: Any) -> None:
         self._last_report = self.report._replace(seconds=time.monotonic() - self._started_at, **changes)
+
+
+def _words(condition: Condition) -> str:
+    """What a wait for a condition waits for."""
+    if isinstance(condition, icons.Event):
+        return f"event {condition.type} from {condition.source}"
+    if isinstance(condition, icons.CloserThan | icons.FartherThan):
+        seen = "an obstacle" if isinstance(condition, icons.CloserThan) else "nothing"
+        return f"{seen} within {condition.distance:g} m of the {condition.sensor} sensor"
+    return f"an object in hand: {condition.hand}" if isinstance(condition, icons.Holding) else "a result"
 
 
 def _event_patterns(program: Program) -> list[tuple[str, str]]:

@@ -26,7 +26,8 @@ T = TypeVar("T")
 
 class SessionState(NamedTuple):
     """time: of the simulation [s]. velocity: ahead and to the left [m/s], turn [rad/s]. holding: name of the object
-    that the robot holds, or empty. touched: name of what it collided with last, empty for a wall."""
+    that the robot holds, or empty. collisions: of all sessions of the robot until now. touched: name of what it
+    collided with last, empty for a wall."""
 
     time: float
     at: Pose

@@ -9,11 +9,13 @@ import numpy as np
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import AdaptorFailed
+from robocorba.errors.sensing import SensorBehind
 from robocorba.errors.simulation import SimulationError
 from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, usual_sensors
 from robocorba.robot.session import BuildingSession
 from robocorba.robot.virtual_controller import VirtualController
 
@@ -21,6 +23,28 @@ from robocorba.robot.virtual_controller import VirtualController
 def adaptor(context: AdaptorContext) -> RobotAdaptor:
     """The entry point `simulated` of the adaptors."""
     return SimulatedAdaptor(context.session)
+
+
+class SimulatedSenses(Senses):
+    """The virtual sensors of a robot that is its body in the building, and the body's collisions as its bumper."""
+
+    def __init__(self, session: BuildingSession) -> None:
+        self._session, self._sensors = session, usual_sensors()
+
+    @property
+    def sensors(self) -> Sequence[RangeSensor]:
+        return self._sensors
+
+    def ranges(self, name: str) -> Ranges:
+        sensor, now = self.sensor(name), self._session.latest
+        try:
+            return Ranges(now.time, self._session.scan(now.at, sensor.mount, sensor.spec))
+        except (SensorBehind, UnknownFloor) as error:
+            raise AdaptorFailed(str(error)) from None
+
+    def readings(self) -> Sequence[Reading]:
+        now = self._session.latest
+        return [Reading("bumper", "contacts", now.time, float(now.collisions))]
 
 
 class SimulatedAdaptor(RobotAdaptor):
@@ -31,6 +55,7 @@ class SimulatedAdaptor(RobotAdaptor):
 
     def __init__(self, session: BuildingSession) -> None:
         self._session = session
+        self.senses = SimulatedSenses(session)
         self._is_started = False
         self._lock = threading.Lock()
         self._time = 0.0

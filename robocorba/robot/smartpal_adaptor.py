@@ -35,6 +35,7 @@ from robocorba.robot.kinematics.smartpal import (
     Side,
 )
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.senses import Senses
 from robocorba.system.background import Background
 
 #: Greatest timeout of a jog [s].
@@ -99,8 +100,9 @@ class SmartPalUnits(Protocol):
 
 
 class SmartPalAdaptor(RobotAdaptor):
-    """connect: resolves the units of the robot whose naming service listens at HOST:PORT. body_pose: the pose of the
-    robot's body in the building, or None. start_limit_s: timeout of `start` for all units to become ready [s].
+    """connect: resolves the units of the robot whose naming service listens at HOST:PORT; find_senses: what that robot
+    senses, or None. body_pose: the pose of the robot's body in the building, or None. start_limit_s: timeout of `start`
+    for all units to become ready [s].
 
     `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`. The pose [m, rad] is the robot's at the first start, by
     default that of its body. Later starts use the robot's odometry."""
@@ -111,9 +113,11 @@ class SmartPalAdaptor(RobotAdaptor):
         self,
         connect: Callable[[str], SmartPalUnits],
         body_pose: Callable[[], Frame | None] = lambda: None,
+        find_senses: Callable[[str], Senses | None] = lambda naming: None,
         start_limit_s: float = 10.0,
     ) -> None:
         self._connect, self._body_pose, self._start_limit_s = connect, body_pose, start_limit_s
+        self._find_senses = find_senses
         #: The last pose read.
         self._pose: Frame | None = None
         self._units: SmartPalUnits | None = None
@@ -142,6 +146,7 @@ class SmartPalAdaptor(RobotAdaptor):
             raise
         except RoboCorbaError as error:
             raise AdaptorFailed(str(error)) from None
+        self.senses = self._find_senses(given.naming)
         self._get_ready(units)
         self._set_pose(units, given.pose)
         units.set_base_limits(

@@ -6,9 +6,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from robocorba.errors.services import ServiceError
+from robocorba.errors.simulation import InvalidPicture
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
 from robocorba.simulation.management_agent import ManagementAgent
+from robocorba.system.extras import require_extra
 from robocorba.system.lazy_property import lazy_property
 
 if TYPE_CHECKING:
@@ -33,7 +36,11 @@ class Monitor:
             self._painter.forget_unused()
 
     def png(self, floor: str, width_px: int) -> bytes:
-        """Render a floor in its current state. Raises UnknownFloor, InvalidPicture."""
+        """Render a floor in its current state. Raises UnknownFloor; InvalidPicture, also without the extra films."""
+        try:
+            require_extra("films", "pictures of the simulation")
+        except ServiceError as error:
+            raise InvalidPicture("server", str(error)) from None
         database = self._agent.database
         view = FloorView(floor)
         view.apply(database.floor(floor))

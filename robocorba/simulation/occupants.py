@@ -183,12 +183,12 @@ class Occupants:
                 self.floors[after.floor].remove(after.body)
             self._put_object(after, after.map_pose)
             return holders
-        if after.map_object.shape != before.map_object.shape:
+        if (after.map_object.shape, after.mass_kg) != (before.map_object.shape, before.mass_kg):
             return self._reshape(after)
         return []
 
     def _reshape(self, item: PlacedObject) -> list[tuple[str, str]]:
-        """Give an object its new shape. Robots keep their grips where it is still between their hands."""
+        """Give an object its new shape and mass. Robots keep their grips where it is still between their hands."""
         physics = self.floors[item.floor]
         held = {each: grip for each, _ in self._holders(item.body) if (grip := self.held_by(each))}
         pose = physics.pose(item.body)

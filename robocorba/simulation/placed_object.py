@@ -40,8 +40,8 @@ class PlacedObject:
 
     @property
     def mass_kg(self) -> float:
-        """9 kg/m^2: maps hold no masses. Three robots lift up to 1.33 m^2."""
-        return float(9.0 * object_outline(self.map_object).area)
+        """That of the map, else 9 kg/m^2: then three robots lift up to 1.33 m^2."""
+        return self.map_object.mass or float(9.0 * object_outline(self.map_object).area)
 
     def published(self) -> Body:
         """As clients see it."""

@@ -153,7 +153,7 @@ class _LogFile(RotatingFileHandler):
         return io.TextIOWrapper(raw, self.encoding, self.errors, write_through=True)
 
 
-class _Stderr(logging.StreamHandler[Any]):
+class _Stderr(logging.StreamHandler):  # Python 3.10 has no StreamHandler[...]
     """Never waits for a reader of stderr: a full pipe that nobody reads would hold up each thread that logs, such as
     one that stops a robot. What does not fit is left out and counted; the log file has it."""
 

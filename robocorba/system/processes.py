@@ -52,7 +52,7 @@ class RobotOrder:
     """A robot to start, as by the options of `robocorba robot`.
 
     floor: empty for the lowest one. at: x, y [m] and heading [rad] on the floor, None for the first free path node.
-    channel: of its sub-network, empty for none. program: a file to run immediately; None for none."""
+    channel: of its sub-network, empty for that of its area. program: a file to run immediately; None for none."""
 
     name: str
     adaptor: str = "simulated"
@@ -71,13 +71,13 @@ class RobotOrder:
 class RobotProgress(msgspec.Struct, frozen=True):
     """What a robot does, as its process prints it on a line of its own whenever it changes.
 
-    condition: of its agent, such as idle or running. task: its present or last program or mission, empty for none.
-    result: of the last task once it has ended. reason: why it is stopped, or why the task failed or was aborted."""
+    kind, text: what its touch panel shows; kind: working, waiting or exceptional. task: its present or last program or
+    mission, empty for none. result: of the last task once it has ended."""
 
-    condition: str = "idle"
+    kind: str = "waiting"
+    text: str = ""
     task: str = ""
     result: str = ""
-    reason: str = ""
 
     def line(self) -> str:
         """The line that `read` reads, without a line break."""

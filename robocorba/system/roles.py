@@ -38,7 +38,7 @@ BY_REFERENCE = frozenset(
         *("CallbackRoute", "EventConsumer", "EventGateway", "GatewayFeed", "IdempotentEventConsumer", "NameRegistry"),
         *("PeerFeed", "PeerGateway"),
         *("EventProxyPullSupplier", "EventProxyPushConsumer", "EventProxyPushSupplier"),
-        *("SensorRegistration", "StopTarget"),
+        *("RobotSensors", "SensorRegistration", "StopTarget"),
         *("SmartPalFaults",),  # of the stand-in, in the robot's own naming service
     }
 )
@@ -53,11 +53,11 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     "PathPlanner": _rules((EVERYBODY, "_get_release _get_mapVersion getPath findPaths defaultRequest")),
     "MapEditor": _rules(
         (EVERYBODY, "_get_release _get_buildingName _get_currentVersion floors elements read changesSince editsSince"),
-        (EVERYBODY, "readElements readChanges"),
+        (EVERYBODY, "readElements readChanges readFacts"),
         (EVERYBODY, "check checkFloor exportMap getUnderlay"),
         (
             OPERATORS,
-            "create change remove rename undo redo begin openSession importMap setUnderlay buildTopologicalMap",
+            "create change setFact remove rename undo redo begin openSession importMap setUnderlay buildTopologicalMap",
         ),
     ),
     "OmniDatabase": _rules(
@@ -82,12 +82,16 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     ),
     "RobotAgent": _rules(
         (EVERYBODY, "_get_release _get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission"),
-        (EVERYBODY, "iconsFrom adaptors"),
+        (EVERYBODY, "_get_display _get_linkPoses _get_sensors iconsFrom adaptors"),
         (OPERATORS, "checkProgram loadProgram run pause resume step abort stop resetStop drive"),
         (OPERATORS, "startMission leadMission abortMission switchAdaptor setSpeedCap"),
     ),
     "RobotAdaptor": _rules(
         (EVERYBODY, "read"),
+        (ROBOTS, "start stop write"),
+    ),
+    "SensingAdaptor": _rules(
+        (EVERYBODY, "read rangeSensors ranges readings"),
         (ROBOTS, "start stop write"),
     ),
     "EventChannel": _rules(

@@ -331,9 +331,10 @@ class RobotSettings:
     """Settings of a robot process.
 
     endpoint: None for any port. floor: empty for the first. at: its start there, x, y [m], heading [rad],
-    None for a free path node. channel: of its sub-network, empty for none. tick_file: CSV file with one row for each
+    None for a free path node. channel: of its sub-network, empty for none, None for that of the
+    area in which it logs on. tick_file: CSV file with one row for each
     control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
-    changes."""
+    changes. protects: whether robots have a protective field, None for the usual ones."""
 
     common: Settings
     name: str
@@ -343,14 +344,16 @@ class RobotSettings:
     program: Path | None
     floor: str
     at: tuple[float, float, float] | None
-    channel: str
+    channel: str | None
     tick_file: Path | None
     prints_progress: bool
+    protects: bool | None = None
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--progress] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
+        [--progress] [--protect on|off] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR]
+        [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -366,7 +369,11 @@ class RobotSettings:
         parser.add_argument("--program", type=Path, metavar="FILE", help="a program to run immediately")
         parser.add_argument("--floor", default="", metavar="F", help="the floor on which to start")
         parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="start pose on the floor [m, rad]")
-        parser.add_argument("--channel", default="", metavar="C", help="the event channel of its sub-network")
+        parser.add_argument(
+            "--channel",
+            metavar="C",
+            help="the event channel of its sub-network; default: that of the area in which it logs on",
+        )
         parser.add_argument(
             "--record",
             type=Path,
@@ -375,6 +382,11 @@ class RobotSettings:
             "`robocorba record`",
         )
         parser.add_argument("--progress", action="store_true", help="print a line when what it does changes")
+        parser.add_argument(
+            "--protect",
+            choices=("on", "off"),
+            help="stop before what the robot's own range sensors see; default: on for actual robots",
+        )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -391,6 +403,7 @@ class RobotSettings:
             given.channel,
             given.record,
             given.progress,
+            given.protect and given.protect == "on",
         )
 
 
@@ -414,7 +427,11 @@ class SmartPalSettings:
     service, not that of `robocorba up`.
 
     seed: of its encoders' noise. start: the pose that its odometry reports first, x, y [m] and heading [rad].
-    restores_servo, unlocks_by_power, limit_slack: see UnitPolicy."""
+    restores_servo, unlocks_by_power, limit_slack: see UnitPolicy.
+
+    world: the map file of what really stands around it, None for a robot without sensors. world_floor: its floor there,
+    empty for the first one. world_at: where it really is, whatever its odometry says. range_noise_m, range_lost: of its
+    distances."""
 
     server: ServerSettings
     seed: int
@@ -422,11 +439,17 @@ class SmartPalSettings:
     restores_servo: bool
     unlocks_by_power: bool
     limit_slack: float
+    world: Path | None
+    world_floor: str
+    world_at: tuple[float, float, float]
+    range_noise_m: float
+    range_lost: float
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SmartPalSettings:
         """From the arguments of ServerSettings and `[--seed N] [--x M] [--y M] [--heading RAD] [--servo-after-fault
-        on|off] [--unlock power|unlock] [--limit-slack SHARE]`. Raises as ServerSettings.read does."""
+        on|off] [--unlock power|unlock] [--limit-slack SHARE] [--world FILE] [--world-floor NAME] [--world-at X Y
+        HEADING] [--range-noise M] [--range-lost SHARE]`. Raises as ServerSettings.read does."""
         parser = ServerSettings.parser(description)
         parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
         for coordinate in ("x", "y", "heading"):
@@ -448,6 +471,12 @@ class SmartPalSettings:
         parser.add_argument(
             "--limit-slack", type=float, default=1e-7, metavar="SHARE", help="by which speeds may exceed their limits"
         )
+        parser.add_argument("--world", type=Path, metavar="FILE", help="map of what really stands around it")
+        parser.add_argument("--world-floor", default="", metavar="NAME", help="its floor there, by default the first")
+        where = ("X", "Y", "HEADING")
+        parser.add_argument("--world-at", type=float, nargs=3, metavar=where, help="its place there; else its odometry")
+        parser.add_argument("--range-noise", type=float, default=0.0, metavar="M", help="deviation of distances [m]")
+        parser.add_argument("--range-lost", type=float, default=0.0, metavar="SHARE", help="of rays without an echo")
         given = parser.parse_args(arguments)
         if given.seed < 0:
             raise InvalidSetting("--seed", str(given.seed), "less than 0")
@@ -456,13 +485,25 @@ class SmartPalSettings:
                 raise InvalidSetting(f"--{coordinate}", str(getattr(given, coordinate)), "not a finite number")
         if not 0.0 <= given.limit_slack <= 0.1:
             raise InvalidSetting("--limit-slack", str(given.limit_slack), "not 0 to 0.1")
+        start = (given.x, given.y, given.heading)
+        world_at = tuple(given.world_at or start)
+        if not all(map(math.isfinite, world_at)):
+            raise InvalidSetting("--world-at", str(world_at), "not three finite numbers")
+        for setting, value in (("--range-noise", given.range_noise), ("--range-lost", given.range_lost)):
+            if not 0.0 <= value <= 1.0:
+                raise InvalidSetting(setting, str(value), "not 0 to 1")
         return cls(
             ServerSettings.from_arguments(given),
             given.seed,
-            (given.x, given.y, given.heading),
+            start,
             restores_servo=given.servo_after_fault == "on",
             unlocks_by_power=given.unlock == "power",
             limit_slack=given.limit_slack,
+            world=given.world,
+            world_floor=given.world_floor,
+            world_at=world_at,
+            range_noise_m=given.range_noise,
+            range_lost=given.range_lost,
         )
 
 

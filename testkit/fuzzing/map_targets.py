@@ -39,6 +39,7 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "create": [example(each.onFloor, _renamed(each.value)) for each in elements],
         "change": [example(each.onFloor, each.value, each.changedAt) for each in elements],
         "remove": [example(_id(each), each.changedAt) for each in elements],
+        "setFact": [example(RoboCorba.ElementFact(_id(each), "mass", "2"), each.changedAt) for each in elements],
         "rename": [example(_id(each), "renamed", each.changedAt) for each in elements],
     }
     document = system.editor.exportMap()

@@ -53,9 +53,10 @@ def of_agents(system: FuzzedSystem) -> Iterator[Target]:
             system.agent.resetStop()
 
     yield Target("RobotAgent", RoboCorba.RobotAgent, lambda: system.agent, on_agent, reset)
-    pool = system.agent._get_pool()
+    pool, sensors = system.agent._get_pool(), system.agent._get_sensors()
     on_pool = {"changes": [example(1)], "postures": [example(0.0)], "plan": [example("m")]}
     yield Target("DataPool", RoboCorba.DataPool, always(pool), on_pool)
+    yield Target("RobotSensors", RoboCorba.RobotSensors, always(sensors), {"ranges": [example("laser")]})
     order = RoboCorba.RobotOrder("C", "simulated", [], "L1", True, 9.0, 3.0, 0.0, "a")
     on_supervisor = {
         "startRobot": [example(with_members(order, adaptor="none")), example(with_members(order, channel="none"))],

@@ -7,8 +7,9 @@ from testkit.fuzzing import event_targets, map_targets, robot_targets, simulatio
 from testkit.fuzzing.calls import Target
 from testkit.fuzzing.fuzzed_system import FuzzedSystem
 
-#: Interfaces that clients implement, not servers of this system; RobotAdaptor is for agents in other processes.
-OF_CLIENTS = (RoboCorba.EventConsumer, RoboCorba.IdempotentEventConsumer, RoboCorba.RobotAdaptor)
+#: Interfaces that clients implement, not servers of this system; adaptors are for agents in other processes.
+OF_CLIENTS = [RoboCorba.EventConsumer, RoboCorba.IdempotentEventConsumer]
+OF_CLIENTS += [RoboCorba.RobotAdaptor, RoboCorba.SensingAdaptor]
 #: Those whose references servers keep for themselves, and those that need --guarded or clients behind NAT.
 OUT_OF_REACH = (RoboCorba.StopTarget, RoboCorba.NameRegistry, RoboCorba.CallbackRoute)
 

@@ -91,6 +91,7 @@ _QUEUE = RoboCorba.QueuePolicy(10, RoboCorba.DISCARD_OLDEST, 0.0)
 _ADMIN = CosEventChannelAdmin
 _ways = [
     Way("DataPool", RoboCorba.DataPool, EVERYBODY, lambda of, me: of["RobotAgent"]._get_pool()),
+    Way("RobotSensors", RoboCorba.RobotSensors, EVERYBODY, lambda of, me: of["RobotAgent"]._get_sensors()),
     Way(
         "EditSession", RoboCorba.EditSession, PUBLISHERS - ROBOT_ROLES, lambda of, me: of["MapEditor"].openSession("i")
     ),

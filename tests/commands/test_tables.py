@@ -6,6 +6,7 @@ import io
 import json
 import math
 import os
+import pathlib
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,18 +25,22 @@ from robocorba.commands.path import as_table, parse_place
 from robocorba.commands.up import as_table as as_system_table
 from robocorba.errors.paths import InvalidRequest
 from robocorba.events.corba.event_client import Event
+from robocorba.map_editor import native
+from robocorba.map_editor.model import Area, ElementKind
+from robocorba.map_editor.store import MapStore
 from robocorba.planning.request import IndexedNames, Path, Place, PointKind
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, PhaseRecord
 from robocorba.stubs import RoboCorba
 from robocorba.system.corba.servers import probe_of, servers
-from robocorba.system.corba.subnets import parse_subnets
+from robocorba.system.corba.subnets import default_subnets, parse_subnets, subnets_of_map
 from robocorba.system.processes import RobotOrder, RobotProgress
 from robocorba.system.settings import InvalidSetting
-from robocorba.system.state_folder import ProcessRecord, SystemRecord
+from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord
 from robocorba.system.supervision.fleet import Row, row_of
 from robocorba.system.supervision.launch import module_command
 from robocorba.system.supervision.process import Supervised
 from robocorba.system.supervision.robots import ProgressLines
+from testkit.buildings import two_floors, with_all
 
 
 def event(payload: Any, **more: Any) -> Event:
@@ -183,8 +188,22 @@ def test_channels_have_all_others_as_peers() -> None:
         assert reason in refused.value.reason
 
 
-IDLE = Row("R1", "L1", "idle", "", 0, "")
-RUNNING = Row("R2", "L1", "running", "drive", 0, "")
+def test_channels_default_to_the_sub_networks_of_the_map(tmp_path: pathlib.Path) -> None:
+    folder, file = StateFolder(tmp_path), tmp_path / "map.yaml"
+    room = Area("room", ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), "hall")
+    rooms = [msgspec.structs.replace(room, name=name, subnet=name) for name in ("lab", "two words")]
+    native.save(with_all(two_floors().without(ElementKind.AREA, "L1", "room"), [("L1", room), ("L2", rooms[0])]), file)
+    assert default_subnets(folder, None) == ("main",)
+    assert default_subnets(folder, file) == ("hall", "lab")
+    MapStore.create(tmp_path / "map.sqlite", native.load(file).with_element("L2", rooms[1])).close()
+    assert subnets_of_map(folder, None) == ("hall", "lab", "two words")
+    assert default_subnets(folder, None) == ("hall", "lab")
+    file.write_text("subnet: [")
+    assert default_subnets(folder, file) == ("main",)
+
+
+IDLE = Row("R1", "L1", "waiting", "", 0, "")
+RUNNING = Row("R2", "L1", "working", "drive", 0, "")
 DEAD = Row("R3", "L2", "ended", "", 1, "ended by SIGKILL")
 
 
@@ -198,11 +217,11 @@ def printed(rows: list[Row]) -> str:
 
 def test_what_needs_attention_comes_first() -> None:
     text = printed([IDLE, RUNNING, DEAD])
-    assert text.startswith("3 robots: 1 ended, 1 idle, 1 running\n")
+    assert text.startswith("3 robots: 1 ended, 1 waiting, 1 working\n")
     assert text.index("R3") < text.index("R2") < text.index("R1")
     assert "ended by SIGKILL" in text and "drive" in text
     assert printed([IDLE, IDLE._replace(name="R4", doing="starting")]).startswith("1 of 2 robots have started")
-    evil = printed([Row("R1", "[red]", "running", "[bold]x[/bold]", 0, "a\nb\x1b[31m\u202e")])
+    evil = printed([Row("R1", "[red]", "working", "[bold]x[/bold]", 0, "a\nb\x1b[31m\u202e")])
     assert "[bold]x[/bold]" in evil and "[red]" in evil and "a\\nb\\x1b[31m" in evil
 
 
@@ -215,7 +234,7 @@ def test_without_a_terminal_each_change_is_a_line_in_one_a_table(capsys: pytest.
         view.started()
         view.end(2, 1)
     lines = capsys.readouterr().out.splitlines()
-    assert lines == ["R1\tL1\tidle\t\t0\t", "R2\tL1\trunning\tdrive\t0\t", "R2\tL1\tended\t\t0\tx\\ty", "ready"]
+    assert lines == ["R1\tL1\twaiting\t\t0\t", "R2\tL1\tworking\tdrive\t0\t", "R2\tL1\tended\t\t0\tx\\ty", "ready"]
     console = Console(file=io.StringIO(), force_terminal=True, width=120, height=40)
     with view_for(console) as view:
         assert isinstance(view, TableView)
@@ -232,24 +251,24 @@ def test_rows_and_progress_of_a_robot() -> None:
     order, process = RobotOrder("A", floor="L1"), Supervised(None, None, state="running")  # type: ignore[arg-type]
     lines = ProgressLines("robot_A", lambda: None)
     for progress, shown in (
-        (RobotProgress(), ("idle", "", "")),
-        (RobotProgress("running", "drive"), ("running", "drive", "")),
-        (RobotProgress("idle", "drive", "done"), ("idle", "drive", "done")),
-        (RobotProgress("idle", "drive", "failed", "blocked"), ("idle", "drive", "failed: blocked")),
-        (RobotProgress("stopped", "drive", "aborted", "button"), ("stopped", "drive", "button")),
+        (RobotProgress(), ("waiting", "", "")),
+        (RobotProgress("working", "lumbar (fetch)", "fetch"), ("working", "fetch", "lumbar (fetch)")),
+        (RobotProgress("waiting", "waiting for B", "fetch", "done"), ("waiting", "fetch", "waiting for B; done")),
     ):
         lines(progress.line())
         row = row_of(order, process, lines, "")
         assert (row.doing, row.task, row.note) == shown
         assert (row.name, row.floor) == ("A", "L1")
     lines("ready")  # started again
-    assert row_of(RobotOrder("A"), process, lines, "L2")[1:4] == ("L2", "idle", "")
+    assert row_of(RobotOrder("A"), process, lines, "L2")[1:4] == ("L2", "waiting", "")
+    process.state = "waiting"
+    assert row_of(order, process, lines, "").doing == "queued"
     process.state, process.problem = "ended", "robot_A ended with exit code 1"
     ended = row_of(RobotOrder("A"), process, ProgressLines("robot_A", lambda: None), "")
     assert ended == Row("A", "", "ended", "", 0, "ended with exit code 1")
     changes: list[int] = []
     lines = ProgressLines("robot_A", lambda: changes.append(1))
-    long = RobotProgress("running", "x\n" * 100_000, "", "\u202e" * 100_000)
+    long = RobotProgress("working", "\u202e" * 100_000, "x\n" * 100_000)
     assert "\n" not in long.line() and len(long.line()) < 10_000
     lines(long.line())
     lines("progress nonsense")  # goes to the log

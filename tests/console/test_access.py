@@ -13,8 +13,7 @@ from starlette.responses import PlainTextResponse
 
 from robocorba.console import settings
 from robocorba.console.access import COOKIE, MAX_FORM, MAX_WAITING, SESSION_S, Access
-from robocorba.console.settings import LOOPBACK_HOSTS, ConsoleSettings, check_installed, dates_problem
-from robocorba.errors.services import ServiceError
+from robocorba.console.settings import LOOPBACK_HOSTS, ConsoleSettings, dates_problem
 from robocorba.system.settings import InvalidSetting
 from tests.console.asgi import Answer, answer, ask
 
@@ -175,10 +174,3 @@ def test_a_certificate_with_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for ahead_s in (-3600.0, 365 * 86400.0):  # as if the clock had been ahead when it was made; it has expired
         monkeypatch.setattr(time, "time", lambda ahead_s=ahead_s: now + ahead_s)
         assert f"{certificate} is valid from" in dates_problem(certificate)
-
-
-def test_without_its_packages_the_console_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    check_installed()
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(ServiceError, match=r"pip install 'robocorba\[console\]'"):
-        check_installed()

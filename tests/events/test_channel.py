@@ -90,6 +90,13 @@ def test_events_that_arrive_expired_get_no_number(channel: Channel) -> None:
     assert channel.last_number == 2
 
 
+def test_of_a_batch_from_a_peer_the_expired_events_are_counted_and_the_others_delivered(channel: Channel) -> None:
+    proxy, batch, now = pull_supplier_of(channel), from_hall(1, expiry=60.0, count=3), time.time()
+    batch.times = [now - 90.0, now, now]
+    assert arrive(channel, batch) == Account(received=3, delivered=2, expired=1)
+    assert [one.first for one in pulled(proxy)] == [2, 3]
+
+
 def test_duplicates_from_a_peer_are_recognised(channel: Channel) -> None:
     proxy, parts = pull_supplier_of(channel), ((1, 3), (2, 4), (1, 5), (7, 1), (6, 2))
     assert [arrive(channel, from_hall(first, count=count)).repeated for first, count in parts] == [0, 2, 5, 0, 1]

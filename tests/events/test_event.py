@@ -220,13 +220,18 @@ class QueueBesideModel(RuleBasedStateMachine):
         self.now = NOW
         self.taken: list[QueueItem] = []
 
-    @rule(count=st.integers(1, 8), priority=st.integers(-1, 1), expiry=st.sampled_from([0.0, 0.0, 2.0]))
-    def put(self, count: int, priority: int, expiry: float) -> None:
+    @rule(
+        count=st.integers(1, 8),
+        priority=st.integers(-1, 1),
+        expiry=st.sampled_from([0.0, 2.0]),
+        apart_s=st.sampled_from([0.0, 0.9]),
+    )
+    def put(self, count: int, priority: int, expiry: float, apart_s: float) -> None:
         batch = events(self.number, count, priority=priority, expiry=expiry)
-        batch.times = [self.now] * count
+        batch.times = [self.now + apart_s * place for place in range(count)]
         self.number += count
-        last = self.now + expiry if expiry else math.inf
-        self.model.waiting += [(number, priority, last) for number in numbers([batch])]
+        lasts = [time + expiry if expiry else math.inf for time in batch.times]
+        self.model.waiting += [(number, priority, last) for number, last in zip(numbers([batch]), lasts, strict=True)]
         self.queue.put(batch)
         self.model.trim()
         self.taken = []
@@ -247,14 +252,15 @@ class QueueBesideModel(RuleBasedStateMachine):
     @rule()
     def put_back(self) -> None:
         for item in reversed(self.taken):
-            last = item.batches[0] if isinstance(item, CorrelatedEvents) else item
-            until = last.times[0] + last.header.expiry if last.header.expiry else math.inf
-            self.model.waiting[:0] = [(number, item.priority, until) for number in numbers([item])]
+            assert isinstance(item, EventBatch)
+            lasts = [time + item.header.expiry if item.header.expiry else math.inf for time in item.times]
+            waiting = zip(numbers([item]), lasts, strict=True)
+            self.model.waiting[:0] = [(number, item.priority, last) for number, last in waiting]
         self.queue.put_back(self.taken)
         self.model.trim()
         self.taken = []
 
-    @rule(seconds=st.sampled_from([0.5, 3.0]))
+    @rule(seconds=st.sampled_from([0.5, 1.5, 3.0]))
     def let_time_pass(self, seconds: float) -> None:
         self.now += seconds
 

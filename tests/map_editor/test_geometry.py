@@ -19,8 +19,9 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.map_editor import collisions, geometry
 from robocorba.map_editor.collisions import all_paths
 from robocorba.map_editor.derived import Derived
-from robocorba.map_editor.geometry import DOOR_REACH_M, LANDING_REACH_M, free_space, obstacles
+from robocorba.map_editor.geometry import DOOR_REACH_M, LANDING_REACH_M, free_space, obstacles, subnet_at
 from robocorba.map_editor.model import (
+    Area,
     BoxShape,
     Building,
     CabinSide,
@@ -311,3 +312,12 @@ def test_only_the_latest_of_many_versions_is_kept() -> None:
         versions.append(weakref.ref(building.floors["L1"].geometrical))
     assert [each() is not None for each in versions] == [False] * 18 + [True]
     assert len(geometry._OBSTACLES) <= before[0] + 3 and len(collisions._ALL_PATHS) <= before[1] + 3  # of three floors
+
+
+def test_the_smallest_area_with_a_sub_network_counts() -> None:
+    def square(name: str, side: float, subnet: str) -> Area:
+        return Area(name, ((0.0, 0.0), (side, 0.0), (side, side), (0.0, side)), subnet)
+
+    areas = [square("floor", 10.0, "hall"), square("room", 4.0, "lab"), square("corner", 1.0, "")]
+    for at, subnet in (((0.5, 0.5), "lab"), ((4.0, 2.0), "lab"), ((4.1, 2.0), "hall"), ((11.0, 2.0), "")):
+        assert subnet_at(areas, at) == subnet

@@ -8,6 +8,7 @@ import random
 import re
 from pathlib import Path
 
+import msgspec
 import pytest
 import shapely
 from hypothesis import example, given, settings
@@ -19,7 +20,7 @@ from robocorba.errors.maps import InvalidElement, MapFileError
 from robocorba.map_editor import geometry, native, validation
 from robocorba.map_editor.changes import elements_of
 from robocorba.map_editor.element_json import as_json, form_members, from_json
-from robocorba.map_editor.model import Building, CircleShape, ElementKind, Floor, MapObject, PathEdge, Wall
+from robocorba.map_editor.model import Area, Building, CircleShape, ElementKind, Floor, MapObject, PathEdge, Wall
 from robocorba.map_editor.samples import SAMPLES, load_sample, sample_path
 from robocorba.map_editor.yaml_file import YamlLimits, parse_yaml, read_yaml
 from testkit.buildings import buildings, grid, two_floors
@@ -328,3 +329,23 @@ def test_references_and_rows_are_described() -> None:
 def test_other_objects_are_refused(members: object) -> None:
     with pytest.raises(InvalidElement):
         from_json(ElementKind.WALL, "L1", members)
+
+
+def test_gateways_are_written_once_for_their_sub_network() -> None:
+    room = Area("room", ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0)), "a", "10.0.0.1")
+    alike = two_floors().with_element("L1", room).with_element("L2", msgspec.structs.replace(room, name="other"))
+    text = native.dumps(alike)
+    assert text.endswith('subnets:\n- {name: a, gateway: "10.0.0.1"}\n') and text.count("gateway") == 1
+    assert native.loads(text) == alike
+    different = alike.with_element("L2", msgspec.structs.replace(room, name="other", gateway="::1"))
+    assert native.loads(native.dumps(different)) == different
+    twice = 'subnets:\n- {name: a, gateway: "10.0.0.2"}\n'
+    for before, after, key in (
+        ('gateway: "10.0.0.1"', "gateway: lab", "subnets[0].gateway"),
+        ("name: a, gateway", "name: b, gateway", "subnets[0].name"),
+        ("subnets:\n", twice, "subnets[1]"),
+    ):
+        with pytest.raises(MapFileError) as refused:
+            native.loads(text.replace(before, after))
+        assert refused.value.key.removeprefix("$.") == key
+        assert refused.value.line > 0

@@ -44,19 +44,21 @@ Receive = Callable[[str, str, Any, str], None]
 
 
 class Bus:
-    """An event channel in memory. disconnected: robots that neither send nor receive events."""
+    """An event channel in memory. disconnected: robots that neither send nor receive events. lost: robots with the
+    types of events that they don't receive."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._subscriptions: dict[int, tuple[str, Sequence[tuple[str, str]], Receive]] = {}
         self.disconnected: set[str] = set()
+        self.lost: set[tuple[str, str]] = set()
 
     def publish(self, source: str, type: str, payload: Any) -> None:
         content = msgpack.unpackb(msgpack.packb(payload), strict_map_key=False)
         with self._lock:
             subscriptions = list(self._subscriptions.values())
         for name, patterns, receive in subscriptions:
-            if {name, source} & self.disconnected:
+            if {name, source} & self.disconnected or (name, type) in self.lost:
                 continue
             if any(fnmatch.fnmatch(type, types) and fnmatch.fnmatch(source, sources) for types, sources in patterns):
                 receive(type, source, content, "bus")

@@ -6,7 +6,7 @@ import contextlib
 import math
 from functools import partial
 from pathlib import Path
-from unittest.mock import DEFAULT, Mock
+from unittest.mock import DEFAULT, MagicMock
 
 import pytest
 
@@ -72,7 +72,9 @@ def test_a_robot_lets_go_after_an_abort_once_the_server_is_back(monkeypatch: pyt
         executor = executor_of(robot)
         executor.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
         for name in ("release", "cancel_elevator"):
-            call = Mock(wraps=getattr(robot.session, name), side_effect=[ServerAway("away")] * 2 + [DEFAULT] * 1000)
+            call = MagicMock(
+                wraps=getattr(robot.session, name), side_effect=[ServerAway("away")] * 2 + [DEFAULT] * 1000
+            )
             monkeypatch.setattr(robot.session, name, call)
         executor.end_safely()
 
@@ -138,7 +140,7 @@ def test_areas_that_were_reserved_with_the_plan_keep_their_turn() -> None:
     ],
 )
 def test_a_ride_ends_also_on_a_floor_that_got_another_name(error: InvalidReservation, goes_on: bool) -> None:
-    robot = Mock()
+    robot = MagicMock()
     executor = executor_of(robot)
     areas = tuple((floor, ((0.0, 0.0), (1.0, 0.0), (1.0, 1.0))) for floor in ("L1", "L2"))
     executor.execute(Reserve(areas=areas, hold_s=60.0))

@@ -369,7 +369,10 @@ class Carried(Given):
 def test_a_carry_waits_for_what_is_in_its_way(crew: Crew) -> None:
     there = [Seen("C", True, Point(8.4, 3.0).buffer(0.3), 0.0, 0.0)]
 
+    shown: set[str] = set()
+
     def look() -> list[Seen]:
+        shown.add(crew.agents["B"].display.text)
         at = crew.agents["C"].place
         return there if math.dist((at.x, at.y), (1.6, 7.5)) > 0.05 else []
 
@@ -382,6 +385,7 @@ def test_a_carry_waits_for_what_is_in_its_way(crew: Crew) -> None:
     before, waiting, after = report.phases
     assert before.began < waiting.began < after.began
     assert set(before.done) == set(waiting.done) == set(after.done) == {"A", "B"}
+    assert "waiting for a free way: C is in the way" in shown, shown
 
 
 def test_a_carry_that_can_not_see_its_way_says_so_in_one_phase(crew: Crew) -> None:

@@ -48,7 +48,7 @@ from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import Approach, CooperativePlan, Idle, PutDown, Reserve, Step, TakeHold
 from robocorba.planning.request import Place
 from robocorba.robot import execution_control
-from robocorba.robot.data_pool.plans import Plans
+from robocorba.robot.data_pool.plans import Plan, Plans
 from robocorba.robot.execution_control import ExecutionControl
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.programs.program import Program
@@ -75,7 +75,7 @@ TROUBLE_LASTS_S = 90.0
 #: The leader, its successors in turn, and others.
 ROBOT = st.sampled_from([0, 1, 2, 3])
 FOR_S = st.sampled_from([12.0, 25.0, 1.0, 5.0, 45.0])
-HOW = st.sampled_from(["dies", "hangs", "is cut off", "gets no events", "gets no calls"])
+HOW = st.sampled_from(["dies", "hangs", "is cut off", "gets no events", "gets no calls", "gets no assignments"])
 OVER = st.booleans()
 T = TypeVar("T")
 
@@ -272,6 +272,9 @@ class Leaders:
     def mission_of(self, leader: str) -> str:
         return self._call(leader, lambda process: process.cooperation.mission)
 
+    def plan(self, leader: str, mission: str) -> Plan:
+        return self._call(leader, lambda process: process.plans.get(mission))
+
     def leads(self, leader: str, mission: str) -> bool:
         try:
             return self.mission_of(leader) == mission
@@ -320,9 +323,10 @@ class Process:
         self.orphaned_at: dict[tuple[str, int], float] = {}
         world.time.owner = name
         agent: Any = Agent(self)
+        self.plans = Plans()
         pool: Any = SimpleNamespace(current_snapshot=world.seen)
         orb: Any = self
-        self.agent, self.cooperation = agent, Cooperation(orb, "hall", name, Plans(), Path())
+        self.agent, self.cooperation = agent, Cooperation(orb, "hall", name, self.plans, Path())
         self.cooperation.start(agent, pool)
 
     def begin(self, work: Callable[[], object]) -> Task:
@@ -501,6 +505,9 @@ PARTS: dict[str, Any] = {
     "RemoteWorld": lambda process: SimpleNamespace(process=process),
     "RemoteDatabase": lambda process, resolve_timeout_s: Records(process),
     "RemoteLeaders": lambda process: Leaders(process.world, process.name),
+    "RemotePool": lambda process, leader, timeout_s: SimpleNamespace(
+        plan=functools.partial(Leaders(process.world, process.name).plan, leader)
+    ),
     "LeaderAreas": lambda session: SimpleNamespace(take_over=lambda *former: True, release=lambda: None),
     "MissionAgent": functools.partial(MissionAgent, policy=TAKING_PART),
     "Succession": WatchedSuccession,
@@ -578,7 +585,8 @@ class Missions(RuleBasedStateMachine):
         world = self.world
         dead = {name for name, robot in world.robots.items() if robot.is_dead}
         server = () if world.server else (SERVER,)
-        return {*server, *dead, *world.bus.disconnected, *world.cut_off, *self.time.frozen}
+        without_assignments = {name for name, _ in world.bus.lost}
+        return {*server, *dead, *world.bus.disconnected, *without_assignments, *world.cut_off, *self.time.frozen}
 
     # ---- what happens ----
 
@@ -602,6 +610,8 @@ class Missions(RuleBasedStateMachine):
                 self.time.frozen.add(name)
             if how in ("gets no events", "is cut off"):
                 self.world.bus.disconnected.add(name)
+            if how == "gets no assignments":
+                self.world.bus.lost.add((name, "mission.proposal"))
             self.is_split = self.is_split or how == "gets no calls"
             if how in ("gets no calls", "is cut off"):
                 self.world.cut_off.add(name)
@@ -653,6 +663,7 @@ class Missions(RuleBasedStateMachine):
     def mend(self, robot: str) -> None:
         world = self.world
         world.bus.disconnected.discard(robot)
+        world.bus.lost.discard((robot, "mission.proposal"))
         world.cut_off.discard(robot)
         if world.robots[robot].is_dead:
             world.robots[robot] = Process(world, robot)
@@ -743,6 +754,19 @@ def test_carriers_go_on_without_one_that_dies(robot: int, leader: str, phases: l
         assert (content.result, content.leader, content.faults) == (MissionResult.DONE, leader, ())
         assert [phase.name for phase in content.phases][-3:] == phases
         assert sorted(missions.world.held) == ["A", "B", "C"], "each has gripped it once"
+    finally:
+        missions.teardown()
+
+
+def test_a_robot_whose_assignment_is_lost_reads_the_plan_in_the_leaders_data_pool() -> None:
+    missions = Missions()
+    try:
+        missions.a_mission_is_started(0, "A", 0.25)
+        missions.world.bus.lost = {(name, "mission.proposal") for name in "BCD"}
+        missions.run_for(60.0)
+        (content,) = missions.world.contents().values()
+        assert (content.result, content.faults) == (MissionResult.DONE, ())
+        assert sorted(missions.world.held)[0] == "A" and len(missions.world.held) == 3
     finally:
         missions.teardown()
 

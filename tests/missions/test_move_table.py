@@ -215,6 +215,9 @@ def test_the_carry_is_planned_around_robots_that_stay() -> None:
 def test_the_number_of_carriers_follows_from_the_weight(world: MapWorld) -> None:
     assert MoveTablePlanner(world, "box", GOAL).helpers == 1
     assert MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5)).helpers == 2
+    assert MoveTablePlanner(MapWorld(two_storeys()), "box", Destination("L1", 3.5, 3.5), carriers=3).helpers == 2
+    with pytest.raises(MissionFailed, match=r"box has a mass of 9 kg, and each .* 4 kg: it needs 3 carriers, not 2"):
+        MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", GOAL, carriers=2)
 
 
 def test_missing_objects_and_robots_are_named(world: MapWorld) -> None:

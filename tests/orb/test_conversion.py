@@ -36,7 +36,7 @@ LOCAL = {
     *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "RideLost"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "InternalFault", "ClientGone", "RobotHeld"),
-    *("OutputError", "LimitExceeded", "WorkEnded"),
+    *("OutputError", "LimitExceeded", "WorkEnded", "Blind", "Bumped"),
 }
 
 

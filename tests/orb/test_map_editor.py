@@ -6,8 +6,9 @@ import io
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
+import msgspec
 import pytest
 from omniORB import CORBA
 from PIL import Image
@@ -17,12 +18,13 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor import native
 from robocorba.map_editor.corba import map_editor_servant as map_editor
+from robocorba.map_editor.corba import maps
 from robocorba.map_editor.corba.map_editor_servant import CLOSED_TRANSACTIONS_KEPT, MapEditorServant
 from robocorba.map_editor.corba.remote_edit_session import RemoteEditSession, RemoteMapEditor
 from robocorba.map_editor.corba.remote_map import RemoteFloorMap, RemoteMap
 from robocorba.map_editor.edit_session import EditSessions
 from robocorba.map_editor.map_building_agent import BuildingEditor
-from robocorba.map_editor.model import ElementKind, PathNode, Wall
+from robocorba.map_editor.model import BoxShape, ElementKind, MapObject, PathNode, Wall
 from robocorba.map_editor.pages import ChangePosition
 from robocorba.map_editor.store import MapLimits, MapStore
 from robocorba.orb.orb import Orb
@@ -188,8 +190,8 @@ class Editor:
     limit: of elements and changes in a page. pages: of elements, so far. fails_after: the number of pages of changes
     after which it does not answer; negative for never."""
 
-    def __init__(self, editor: BuildingEditor) -> None:
-        self.editor, self._servant = editor, MapEditorServant(EditSessions(editor), cast(Any, None))
+    def __init__(self, editor: BuildingEditor, activator: Any = None) -> None:
+        self.editor, self._servant = editor, MapEditorServant(EditSessions(editor), activator)
         self.meanwhile: Callable[[], object] = int
         self.limit, self.pages, self.fails_after = 2, 0, -1
 
@@ -298,6 +300,42 @@ def test_a_copy_that_is_far_behind_is_loaded_again(place: Any, monkeypatch: pyte
     place.editor.create("L2", PathNode(name="later", at=(2.0, 1.0)))
     assert copy.follow()
     assert (copy.building, copy.version) == place.editor.snapshot
+
+
+def test_facts_travel_beside_the_structs_of_the_first_release(store: MapStore, orb: Orb) -> None:
+    place: Any = Editor(BuildingEditor(store), orb)
+    remote, copy = RemoteMapEditor(place), RemoteMap(place)
+    session = remote.open_session("Ada")
+    cart = MapObject("cart", BoxShape((1.0, 1.0)), (13.0, 2.0), movable=True, mass=12.5)
+    made = session.create("L1", cart)
+    assert remote.read(ElementKind.OBJECT, "L1", "cart") == (cart, made)
+    assert copy.follow() and copy.building.find(ElementKind.OBJECT, "L1", "cart") == cart
+
+    editor = place.resolve("MapEditor", RoboCorba.MapEditor)
+    moved = editor.read(maps.element_id("object", "L1", "cart")).value  # a client that does not know of masses
+    moved._v.height = 2.0
+    version = editor.change("L1", moved, made)
+    assert place.editor.read(ElementKind.OBJECT, "L1", "cart")[0] == msgspec.structs.replace(cart, height=2.0)
+    fact = editor.readFacts(RoboCorba.MapSelection([], ""))[0]
+    assert (fact.id.name, fact.key, fact.value) == ("cart", "mass", "12.5")
+    for key, value, reason in (
+        ("mass", "20000", "mass must be from 0.1"),
+        ("mass", "x", "no"),
+        ("colour", "x", "no fact"),
+    ):
+        with pytest.raises(RoboCorba.InvalidElement) as refused:
+            editor.setFact(RoboCorba.ElementFact(fact.id, key, value), version)
+        assert reason in refused.value.reason
+    version = editor.setFact(RoboCorba.ElementFact(fact.id, "mass", "0"), version)
+    assert copy.follow() and copy.building.find(ElementKind.OBJECT, "L1", "cart").mass == 0.0  # type: ignore[union-attr]
+    assert editor.readFacts(RoboCorba.MapSelection([], "")) == []
+
+    room, at = remote.read(ElementKind.AREA, "L1", "room")
+    session.change("L1", msgspec.structs.replace(room, gateway="10.0.0.1"), at)
+    assert copy.follow() and copy.building.find(ElementKind.AREA, "L1", "room").gateway == "10.0.0.1"  # type: ignore[union-attr]
+    session.undo()
+    assert copy.follow() and copy.building.find(ElementKind.AREA, "L1", "room") == room
+    assert RemoteMap(place).building == copy.building
 
 
 def test_pages_of_the_editing_client(place: Any) -> None:

@@ -11,6 +11,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from omniORB import CORBA
 
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, RobotLost
@@ -88,7 +90,7 @@ def agent() -> Any:
 
 @pytest.fixture
 def servant(agent: Any) -> RobotAgentServant:
-    return RobotAgentServant(agent, None, "a", agent)  # type: ignore[arg-type]
+    return RobotAgentServant(agent, None, None, "a", agent)  # type: ignore[arg-type]
 
 
 def findings(check: Any) -> list[tuple[str, str, str, str]]:
@@ -201,7 +203,7 @@ class Server:
         self.registered, self.has_sensor, self.heartbeats = 0, True, 0
         #: Floors without a free place, and those on which robots logged on.
         self.full, self.started_on = set[str](), list[str]()
-        self.riding = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0)
+        self.riding, self.collisions = RoboCorba.Ride(RoboCorba.NO_RIDE, "", "", "", 0), 0
         #: Calls that fail because the server is away, how, and all calls by their names.
         self.failing, self.failure, self.calls = 0, CORBA.COMM_FAILURE, list[str]()
         for operation in CALLS:
@@ -221,6 +223,7 @@ class Server:
             raise RoboCorba.PlaceTaken(RoboCorba.Point(about.start.floor, about.start.x, about.start.y), "a cabin")
         self.started_on.append(about.start.floor)
         self.registered += 1
+        self.collisions = 0  # the server counts those of each session
         return self
 
     def _get_sensor(self) -> Server:
@@ -238,7 +241,7 @@ class Server:
 
     def state(self) -> Any:
         at, still = RoboCorba.Pose("L1", 1.0, 2.0, 0.0), RoboCorba.Velocity(0.0, 0.0, 0.0)
-        return RoboCorba.RobotState(1.0, at, still, "", self.riding, 0, "")
+        return RoboCorba.RobotState(1.0, at, still, "", self.riding, self.collisions, "")
 
     def _answer(self, operation: str, *arguments: Any) -> None:
         self.calls.append(operation)
@@ -276,6 +279,27 @@ def test_a_robot_is_registered_until_it_logs_off(session: RemoteSession, server:
     with pytest.raises(RobotLost):
         session.log_on()
     assert server.registered == 0
+
+
+@given(st.lists(st.sampled_from(["touch", "read", "lose", "log off"]), max_size=20))
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_collisions_count_through_all_sessions_of_a_robot(server: Any, what_happens: list[str]) -> None:
+    """None that the robot read of is forgotten with its session, and none counts twice."""
+    session = RemoteSession(server, Description("A", Pose("L1", 1.0, 2.0, 0.0), 0.4))
+    server.registered = known = unread = 0
+    session.log_on()
+    for what in [*what_happens, "read"]:
+        if what == "touch":
+            server.collisions += 1
+            unread += 1
+        elif what == "read":
+            known, unread = known + unread, 0
+            assert session.state().collisions == known
+        else:
+            if what == "log off":
+                session.log_off()
+            server.registered = unread = 0
+            session.log_on()
 
 
 @pytest.mark.parametrize(

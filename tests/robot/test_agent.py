@@ -9,10 +9,12 @@ from typing import Any
 import pytest
 
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram, MotionFailed, RobotLost, UnknownAdaptor
+from robocorba.errors.sensing import UnknownSensor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.robot import model_switcher
 from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCalls, ControlAgent
 from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
+from robocorba.robot.display import DisplayKind
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
@@ -115,6 +117,45 @@ def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, sessio
     assert not agent.path
 
 
+def shows(agent: ControlAgent, kind: DisplayKind, text: str) -> None:
+    eventually(lambda: agent.display[:2] == (kind, text), f"{text}, not {agent.display.text}")
+
+
+def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: ControlAgent) -> None:
+    waiting = DisplayKind.WAITING
+    shows(agent, waiting, "waiting for an order")
+    eventually(lambda: agent.display.seconds > 0.3, "it shows that for a while")
+    agent.load(ProgramBuilder("nap").mbase_velocity(0.05, 0.0, 0.0, 1.0).wait(60).program())
+    agent.run()
+    shows(agent, DisplayKind.WORKING, "mbase velocity (nap)")
+    shows(agent, waiting, "waiting for 60 s")
+    first = agent.display.seconds
+    assert first < 5.0 and agent.display.seconds > first
+    agent.pause()
+    shows(agent, waiting, "paused, waiting for 60 s")
+    agent.stop("fire")
+    shows(agent, DisplayKind.EXCEPTIONAL, "stopped: fire")
+    eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "its end")
+    agent.reset_stop()
+    shows(agent, waiting, "waiting for an order")
+
+
+def test_a_robot_whose_world_stands_waits_and_one_that_is_lost_is_exceptional(
+    agent: ControlAgent, session: InProcessSession, place: Place
+) -> None:
+    agent.load(LONG)
+    agent.run()
+    shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
+    place.agent.configure(is_paused=True)
+    shows(agent, DisplayKind.WAITING, "waiting for the simulation server, whose time stands")
+    place.agent.configure(is_paused=False)
+    shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
+    session.is_away = True
+    shows(agent, DisplayKind.EXCEPTIONAL, "lost: nobody answers")
+    session.is_away = False
+    shows(agent, DisplayKind.EXCEPTIONAL, "long failed: nobody answers")
+
+
 def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     """It outlives a switch, and the robot's process, which has no time to log off; only its lease ends."""
     agent.stop_durably("fire")
@@ -166,6 +207,23 @@ def test_another_robot_behind_the_same_agent(
         _ = agent.robot.joints
     agent.switch("simulated", ())
     assert agent.state.adaptor == "simulated"
+
+
+def test_a_loaded_program_does_not_run_on_a_robot_without_its_sensor(
+    agent: ControlAgent, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The virtual sensor of the map knows nothing of what stands before an actual robot."""
+    watch = ProgramBuilder("watch")
+    with watch.stop_if_closer("laser", 0.1):
+        watch.mbase_by(ahead=0.05)
+    run(agent, watch.program())
+    switch_to_disc(agent, monkeypatch)
+    with pytest.raises(IllegalOrder, match=r"icons\[0\]\.sensor: the adaptor disc has no sensor laser"):
+        agent.run()
+    with pytest.raises(UnknownSensor, match="'laser'; known are none"):
+        agent.robot.nearest_m("laser")
+    agent.switch("simulated", ())
+    run(agent, watch.program())
 
 
 def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(

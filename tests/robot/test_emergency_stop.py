@@ -31,6 +31,7 @@ from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState, Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.protective_field import ProtectiveField
 from robocorba.robot.session import SessionState
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from robocorba.simulation import emergency_stops
@@ -97,7 +98,8 @@ class Stepped(HighController):
     last: ClassVar[Stepped | None] = None
     _silent_s = 0.0
 
-    def __init__(self, *parts: Any) -> None:
+    def __init__(self, *parts: Any, field: ProtectiveField | None) -> None:
+        assert not field or not field.sensors
         # A reset within another one does not wait for it.
         super().__init__(*parts, timing=Timing(refresh_limit_s=0.0, check_interval_s=600.0, end_limit_s=0.0))
 

@@ -33,6 +33,7 @@ from robocorba.robot.programs.program import Program, loads
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.runner import ReceivedEvent
 from robocorba.robot.session import BuildingSession, SessionState
+from robocorba.robot.simulated_adaptor import SimulatedSenses
 from robocorba.simulation.attended_time import AttendedTime
 from robocorba.simulation.emergency_stops import StopHold
 from robocorba.simulation.registry import Pose
@@ -347,6 +348,7 @@ class Body(RobotAdaptor):
 
     def __init__(self, place: Place) -> None:
         self._place, self.is_started, self.velocity = place, False, ZERO_VELOCITY
+        self.senses = SimulatedSenses(place.session)
         place.body = self
 
     def start(self, argv: Sequence[str]) -> bool:
@@ -386,10 +388,10 @@ class Place(Channel):
             patch.setattr(module, "Repeating", MagicMock())
         patch.setattr(model_switcher, "make", lambda name, context: Body(self))
         at = SessionState(0.0, Pose("L1", 0.0, 0.0), ZERO_VELOCITY, "", None, 0, "")
-        session = MagicMock(spec=BuildingSession, latest=at)
+        self.session = session = MagicMock(spec=BuildingSession, latest=at)
         session.hold.return_value = session.end_stops.return_value = FREE
         session.report_stop.return_value = True, FREE
-        session.scan.side_effect = lambda *_: np.array([NEAR_M if self.is_near else FAR_M])
+        session.scan.side_effect = lambda *_: np.full(181, NEAR_M if self.is_near else FAR_M)
         #: What happens while a program is about to begin.
         self.meanwhile = ""
         self.agent = ControlAgent(

@@ -10,6 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from robocorba.errors.robots import ServerAway
+from robocorba.errors.sensing import UnknownSensor
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.kinematics.smartpal import ARM, GRIP, LUMBAR, OPEN_RAD, Side
 from robocorba.robot.kinematics.tasks import POSTURES
@@ -107,6 +109,25 @@ def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeyp
     report, _ = run(smartpal, builder)
     assert report.result is ProgramResult.FAILED
     assert "internal fault in 'sensor stop' (ValueError: a fault)" in report.reason
+
+
+def test_a_condition_waits_for_a_sensor_server_that_restarts(smartpal: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not for a sensor that the robot does not have."""
+    answers: list[Exception | float] = [ServerAway("away"), ServerAway("away"), 0.5, 0.5]
+
+    def ask(sensor: str) -> float:
+        answer = answers.pop(0) if answers else UnknownSensor(sensor, ())
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    monkeypatch.setattr(smartpal, "nearest_m", ask)
+    builder = ProgramBuilder("look").wait_until(icons.CloserThan("front", 0.6), 10.0)
+    with builder.branch(icons.FartherThan("front", 0.5)):
+        builder.wait_until(icons.CloserThan("back", 0.6), 10.0)
+    report, began = run(smartpal, builder)
+    assert (report.result, began) == (ProgramResult.FAILED, ["wait_until", "branch", "wait_until"])
+    assert report.reason == "the robot has no sensor 'back'; known are none"
 
 
 def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:

@@ -56,6 +56,7 @@ class Thing:
     place: int
     half_m: float = 0.4
     height_m: float = 1.0
+    mass_kg: float = 0.0
     is_held: bool = False
 
 
@@ -120,6 +121,13 @@ class MapEdits(RuleBasedStateMachine):
     def change_height(self, which: int, height_m: float) -> None:
         _, thing = self._thing(which)
         thing.height_m = height_m
+        self._change(thing)
+
+    @precondition(lambda self: self.things)
+    @rule(which=numbers, mass_kg=st.sampled_from((0.0, 2.0, 4.0)))
+    def weigh(self, which: int, mass_kg: float) -> None:
+        _, thing = self._thing(which)
+        thing.mass_kg = mass_kg
         self._change(thing)
 
     @precondition(lambda self: self.things)
@@ -291,7 +299,11 @@ class MapEdits(RuleBasedStateMachine):
         for key, thing in expected.items():
             assert occupants.object_pose(found[key]) == pytest.approx(Pose(self.floors[thing.floor], *at(thing.place)))
             assert (found[key] in held) == thing.is_held
-            assert occupants.objects[found[key]].map_object == self._on_map(thing)
+            item = occupants.objects[found[key]]
+            assert item.map_object == self._on_map(thing)
+            kg = occupants.floors[item.floor]._bodies[item.body].mass
+            assert kg == pytest.approx(thing.mass_kg or 9.0 * (2 * thing.half_m) ** 2)
+            assert occupants.published[item.body].mass_kg == pytest.approx(kg)
         robots = dict(occupants.robots)
         waiting = robots.pop(WAITING)
         assert robots.keys() == self.robots.keys()
@@ -333,7 +345,9 @@ class MapEdits(RuleBasedStateMachine):
 
     def _on_map(self, thing: Thing) -> MapObject:
         width = 2 * thing.half_m
-        return MapObject(thing.name, BoxShape((width, width)), at(thing.map_place), 0.0, thing.height_m, True)
+        return MapObject(
+            thing.name, BoxShape((width, width)), at(thing.map_place), 0.0, thing.height_m, True, thing.mass_kg
+        )
 
 
 MapEdits.TestCase.settings = settings(max_examples=25, stateful_step_count=30, deadline=None)

@@ -89,7 +89,8 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     folder = tmp_path_factory.mktemp("system")
     native.save(two_floors(), folder / "two-floors.yaml")
     with claimed_ports() as port, Launcher(folder) as launch:
-        yield real_system(launch, folder / "state", port, "--building", "two-floors.yaml").wait_ready()
+        options = ("--building", "two-floors.yaml", "--subnets", "main")
+        yield real_system(launch, folder / "state", port, *options).wait_ready()
 
 
 @pytest.fixture

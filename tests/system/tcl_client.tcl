@@ -335,6 +335,26 @@ subject session {
     refused InvalidElement {} {$editor openSession $author}
 }
 
+subject facts {
+    set stool {OBJECT_ELEMENT {name stool footprint {CIRCLE_SHAPE 0.2} at {x 4.0 y 7.0} heading 0.0 height 0.5
+        movable 1}}
+    set id [element OBJECT_ELEMENT L1 stool]
+    set all {kinds {OBJECT_ELEMENT} onFloor L1}
+    set transaction [$editor begin]
+    $transaction create L1 $stool
+    $transaction setFact [list id $id key mass value 8] 0
+    set version [$transaction commit]
+    set fact [lindex [$editor readFacts $all] 0]
+    check {[get $fact id] eq $id && [get $fact key] eq "mass" && [get $fact value] == 8}
+    set heavier [$editor setFact [list id $id key mass value 12.5] $version]
+    refused StaleEdit [list id $id expected $version] {$editor setFact [list id $id key mass value 1] $version}
+    set session [$editor openSession Ada]
+    set none [$session setFact [list id $id key mass value 0] $heavier]
+    check {[$editor readFacts $all] eq {}}
+    $session remove $id $none
+    $session close
+}
+
 # ---- the simulation ----
 
 set simulation [resolve SimulationServer]
@@ -797,6 +817,7 @@ subject robot_agent {
     check {[get [lindex [$agent path] end] position] eq {floor L1 x 5.0 y 5.0}}
     $agent pause
     until {[condition] eq "PAUSED"}
+    check {[get [$agent display] kind] eq "DISPLAY_WAITING" && [string match paused* [get [$agent display] text]]}
     $agent resume
     until {[get [$agent state] program result] eq "DONE"}
     set state [$agent state]
@@ -821,6 +842,19 @@ subject robot_agent {
     refused AdaptorFailed {} {$agent switchAdaptor corba {}}
     $agent switchAdaptor simulated {}
     check {[get [$agent state] adaptor] eq "simulated"}
+}
+
+subject robot_links {
+    set links [get [$agent linkPoses] links]
+    check {[get [lindex $links 0] link] eq "base" && abs([get [lindex $links 0] x] - [get [$agent state] at x]) < 0.05}
+}
+
+subject robot_sensors {
+    set sensors [$agent sensors]
+    check {[names [$sensors rangeSensors] name] eq {laser proximity}}
+    check {[llength [get [$sensors ranges laser] distances]] == 181}
+    refused UnknownSensor {name sonar known {laser proximity}} {$sensors ranges sonar}
+    check {[names [$sensors readings] name] eq "bumper"}
 }
 
 # A robot without arms that follows each command.
@@ -875,7 +909,7 @@ subject adaptor {
     set at [get [$agent state] at]
     set ours [Adaptor #auto $at]
     $agent switchAdaptor corba [list --uri [corba::object_to_string [serve $ours]] -- more]
-    check {[$ours cget -started] && [get [$agent state] adaptor] eq "corba"}
+    check {[$ours cget -started] && [get [$agent state] adaptor] eq "corba" && [$agent sensors] == 0}
     until {[get [$agent state] actor joints] eq {}}
     until {[$agent drive {ahead -0.2 left 0.0 turn 0.0} 0.5] eq {} && [get [$agent state] at x] < [get $at x] - 0.1}
     until {[condition] eq "IDLE"}

@@ -220,7 +220,7 @@ class Operator:
             expect(processes.get_by_role("row", name=f"robot_{name}")).to_contain_text("ready")
         self.tab("Robots")
         for name, at in START.items():
-            expect(self.robot_row(name)).to_contain_text("idle")
+            expect(self.robot_row(name)).to_contain_text("waiting for an order")
             self.click_map(canvas, at)
             expect(self.robot_row(name)).to_have_attribute("aria-selected", "true")
             expect(self.fact("pose")).to_have_text(re.compile(rf"L1: {at[0]:.1f}\d m, {at[1]:.1f}\d m, 0°"))
@@ -320,10 +320,19 @@ class Operator:
     # ---- run ----
 
     def run_program(self) -> None:
-        """Icons are lit while they run; the robot is on its way when the user goes to another page."""
+        """Icons are lit while they run. Simulated time is paused in another tab while the robot is on its way."""
+        assert self.page.context.browser
+        monitor = self.page.context.browser.new_page()
+        monitor.set_default_timeout(1000 * LIMIT_S)
+        monitor.goto(self.address)
+        pause = monitor.get_by_role("button", name="Pause time")
+        expect(pause).to_be_enabled()
         self.button("Run").click()
         expect(self.page.locator(".icon-card.is-running")).to_have_count(1)
         expect(self.card("mbase_path")).to_have_class(re.compile("is-running"))
+        pause.click()
+        expect(monitor.get_by_role("button", name="Resume time")).to_be_visible()
+        monitor.close()
         for icon in ("mhand_posture", "say", "mbase_velocity"):
             expect(self.card(icon)).to_have_class(re.compile("is-done"))
 
@@ -331,12 +340,13 @@ class Operator:
         """It leaves L1 with the elevator, and arrives on L2."""
         self.open("Monitor")
         self.robot_row("R1").click()
-        expect(self.robot_row("R1")).to_contain_text("running")
         expect(self.robot_row("R1")).to_contain_text(PROGRAM)
+        expect(self.fact("state")).to_contain_text("whose time stands")
+        self.button("Resume time").click()
         expect(self.fact("speed")).not_to_contain_text("0.00 m/s")
         self.press("f")
         expect(self.page.get_by_label("Floors").get_by_role("tab", selected=True)).to_contain_text("L2")
-        expect(self.robot_row("R1")).to_contain_text("idle")
+        expect(self.robot_row("R1")).to_contain_text("waiting for an order")
         expect(self.fact("pose")).to_contain_text(f"L2: {GOAL[0]:.1f}")
         self.press("f", "0", "Escape")
         expect(self.robot_row("R1")).to_have_attribute("aria-selected", "false")
@@ -429,7 +439,7 @@ class Operator:
         with self.killed(system, "simulation"):
             pass
         for name in START:
-            expect(self.robot_row(name)).to_contain_text("idle")
+            expect(self.robot_row(name)).to_contain_text("waiting for an order")
         expect(self.fact("pose")).to_have_text(before)
 
     def kill_console(self, system: Running) -> None:

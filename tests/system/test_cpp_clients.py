@@ -144,6 +144,20 @@ def test_an_adaptor_in_cpp(
     assert agent.state().at[1:3] == pytest.approx((4.0, 3.0), abs=0.02)
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     eventually(lambda: abs(next(c for c in server.clients() if c.name == "disc").at.x - 4.0) < 0.05)  # its body follows
+    # Its laser sees a wall that the map does not have, but only if it is said where.
+    watched = ProgramBuilder("watched")
+    with watched.stop_if_closer("laser", 1.0):
+        watched.mbase_by(ahead=3.0, speed=0.2)
+    with pytest.raises(InvalidProgram, match="the adaptor corba has no sensor laser; it has no sensors"):
+        agent.load(dumps(watched.program()))
+    agent.switch("corba", ["4", "3", "0", "6.5"])
+    agent.load(dumps(watched.program()))
+    agent.run()
+    eventually(lambda: agent.state().program.result is ProgramResult.DONE, 60.0, "its laser has stopped the disc")
+    assert 5.4 < agent.state().at.x < 5.65
+    with pytest.raises(RoboCorba.UnknownSensor) as unknown:
+        system_orb.resolve("Robots/disc", RoboCorba.RobotAgent)._get_sensors().ranges("sonar")
+    assert (unknown.value.name, unknown.value.known) == ("sonar", ["laser"])
     nobody = run_cpp(cpp("disc_adaptor"), "corbaloc::127.0.0.1:1/NameService", "disc")
     assert nobody == (1, "", "the call failed: TRANSIENT\n")
 

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import psutil
 import pytest
 
@@ -25,6 +26,7 @@ from robocorba.robot.programs.program import dumps
 from robocorba.simulation.corba.registered_robots import RegisteredRobots
 from robocorba.stubs import RoboCorba
 from testkit.processes import Running, command_line, drain, eventually, hang, is_running, refusal
+from tests.robot.kinematics.postures import links_by_urdf
 from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
@@ -98,6 +100,22 @@ def test_agents_refuse_what_makes_no_sense_and_wait_for_each_other(start: StartR
     d.run()
     c.run()
     assert [ended(agent).program.result for agent in agents] == [ProgramResult.DONE, ProgramResult.DONE]
+
+
+def test_where_the_links_of_a_robot_are(start: StartRobot, system_orb: Orb) -> None:
+    agent = start("L", "--at", "3,5,0.7")
+    agent.load(dumps(ProgramBuilder("reach").mhand_posture("both", "reach").mbase_by(turn=0.5).program()))
+    agent.run()
+    assert ended(agent).program.result is ProgramResult.DONE
+    state = agent.state()
+    found = system_orb.resolve("Robots/L", RoboCorba.RobotAgent)._get_linkPoses()
+    assert (found.onFloor, found.time >= state.actor.time) == ("L1", True)
+    expected = links_by_urdf((state.at.x, state.at.y, state.at.heading), state.actor.joints)
+    assert {link.link for link in found.links} == {"base", *expected}
+    for link in found.links[1:]:
+        position, attitude = expected[link.link]
+        assert (link.x, link.y, link.z) == pytest.approx(position, abs=0.002), link.link
+        assert abs(np.dot((link.qw, link.qx, link.qy, link.qz), attitude)) == pytest.approx(1.0, abs=1e-5)
 
 
 def test_an_emergency_stop_by_the_command(start: StartRobot, system_orb: Orb, robocorba: Start) -> None:
@@ -247,7 +265,7 @@ def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb:
     (tmp_path / "wait.json").write_text(dumps(ProgramBuilder("waiting").wait(600.0).program()))
     fleet, registered = Fleet(robocorba("robots", "fleet.yaml")), RegisteredRobots(system_orb)
     assert registered.floors().items() >= {"Lead": "L1", "F1": "L1", "F2": "L1"}.items()
-    fleet.wait_for("Lead\tL1\trunning\twaiting\t0\t")
+    fleet.wait_for("Lead\tL1\twaiting\twaiting\t0\twaiting for 600 s")
     fleet.kill("F1")
     fleet.wait_for("F1\tL1\tended\t\t0\tended by SIGKILL")
     assert RemoteAgent(system_orb, "Lead").state().program.name == "waiting"
@@ -261,7 +279,7 @@ def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb:
 def test_a_robot_is_started_again_if_wanted(robocorba: Start, system_orb: Orb) -> None:
     fleet = Fleet(robocorba("robots", "--count", "1", "--prefix", "G", "--restart"))
     fleet.kill("G1")
-    eventually(lambda: any(line.startswith("G1\tL1\tidle\t\t") and "\t0\t" not in line for line in fleet.lines))
+    eventually(lambda: any(line.startswith("G1\tL1\twaiting\t\t") and "\t0\t" not in line for line in fleet.lines))
     assert RemoteAgent(system_orb, "G1").state().name == "G1"
     assert fleet.end(signal.SIGTERM) == 0
     assert "G1" not in RegisteredRobots(system_orb).floors()

@@ -106,7 +106,7 @@ def building() -> Building:
 def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     folder = tmp_path_factory.mktemp("system")
     native.save(building(), folder / "building.yaml")
-    with running_system(folder, "--building", "building.yaml") as (running, _):
+    with running_system(folder, "--building", "building.yaml", "--subnets", "main") as (running, _):
         yield running
 
 
@@ -366,8 +366,10 @@ def test_the_same_program_ends_at_the_same_place(system_orb: Orb, tmp_path: Path
     orb = system_orb
     for name in ("robot", "virtual", "actual"):
         (tmp_path / name).mkdir()
-    # The odometry of the actual robot says that it is far away.
-    with running_stand_in(tmp_path / "robot", "--seed", "3", "--x", "40", orb=orb) as actual:
+    native.save(building(), tmp_path / "world.yaml")
+    # The odometry of the actual robot says that it is far away. It senses the upper floor, where it is stopped.
+    world = ("--world", str(tmp_path / "world.yaml"), "--world-floor", "L2", "--world-at", *map(str, START))
+    with running_stand_in(tmp_path / "robot", "--seed", "3", "--x", "40", *world, orb=orb) as actual:
         with robot_process(tmp_path / "virtual", orb, NAME, "--floor", "L1", *WHERE) as virtual_robot:
             virtual = run(virtual_robot)
         with robot_process(tmp_path / "actual", orb, NAME, "--floor", "L1", *WHERE) as robot:

@@ -201,7 +201,7 @@ def see_robots(ros: Ros) -> None:
     eventually(lambda: ros.last("/map") and ros.last("/floors/L2/map"), PATIENCE_S, "maps")
     assert {-1, 0, 100} >= set(ros.last("/map")["data"]) >= {0, 100}
     assert ros.last("/floors/L2/map")["info"]["origin"]["position"]["z"] == 4.0
-    wait_status(ros, "A", "idle")
+    wait_status(ros, "A", "waiting for an order")
 
 
 def see_edits(ros: Ros, system_orb: Orb) -> None:
@@ -286,7 +286,7 @@ def run_programs(ros: Ros, agent: RemoteAgent) -> None:
     assert ros.trigger(service="/B/pause") == [True, ""]
     assert agent.state().condition is AgentCondition.PAUSED
     assert ros.trigger(service="/B/resume") == [True, ""]
-    wait_status(ros, "B", "running: waiting")
+    wait_status(ros, "B", "waiting for 60 s")
     assert ros.trigger(service="/B/stop") == [True, ""]
     assert wait_status(ros, "B", "stopped: emergency stop")["level"] == [2]
     assert ros.trigger(service="/B/reset_stop") == [True, ""]

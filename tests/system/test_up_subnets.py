@@ -11,6 +11,7 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.events.corba.event_client import EventClient
+from robocorba.map_editor.samples import sample_path
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.names import CHANNELS
@@ -105,3 +106,37 @@ def test_subnets_are_a_federation_and_go_and_come_back(robocorba_up: Start, laun
     assert client.names("many") == names  # a long list comes whole
     assert running.stop() == 0
     assert running.left_behind() == []
+
+
+def test_channels_and_robots_go_by_the_sub_networks_of_the_map(
+    robocorba_up: Start, launch: Launcher, client: Orb
+) -> None:
+    scene = str(sample_path("paper-scene"))
+    running = robocorba_up("--building", scene).wait_ready()
+    assert client.names(CHANNELS) == ["hall", "lab"]
+
+    def robot(name: str, *options: str) -> tuple[str, str]:
+        """The robot's channel, and what it says on stderr up to its end."""
+        where = ("--naming", str(running.naming), "--state", str(running.state), "--floor", "L1")
+        process = launch(ROBOCORBA, "robot", name, *where, *options)
+        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        agent = client.resolve(f"Robots/{name}", RoboCorba.RobotAgent, timeout_s=5.0)
+        found = agent._get_channel()
+        process.terminate()
+        return found, process.communicate(timeout=60)[1]
+
+    assert robot("A", "--at", "1.1,3.3") == ("lab", "")
+    assert robot("C", "--at", "11.3,3.1") == ("hall", "")
+    assert robot("D", "--at", "11.3,3.1", "--channel", "lab") == ("lab", "")
+    found, said = robot("E", "--at", "1.1,3.3", "--channel=")
+    assert (found, said.count("\n")) == ("", 1) and "it takes part in no mission" in said
+    found, said = robot("F", "--at", "1.1,3.3", "--channel", "yard")
+    assert (found, said.count("\n")) == ("yard", 1) and "no event channel; there are hall, lab" in said
+    assert running.stop() == 0
+
+    running = robocorba_up("--subnets", "lab").wait_ready()  # on the stored map
+    found, said = robot("C", "--at", "11.3,3.1")
+    assert found == "" and "hall, has no event channel; there are lab" in said
+    assert running.stop() == 0
+    assert running.process.stderr is not None
+    assert "without a channel: hall" in running.process.stderr.read()

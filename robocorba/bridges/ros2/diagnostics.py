@@ -5,17 +5,19 @@ from __future__ import annotations
 from typing import Any
 
 from robocorba.bridges.ros2.messages import Messages
-from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
+from robocorba.robot.agent_state import AgentState
+from robocorba.robot.display import Display, DisplayKind
 
 #: Levels of diagnostic_msgs/msg/DiagnosticStatus.
-OK, WARN, ERROR, STALE = b"\x00", b"\x01", b"\x02", b"\x03"
+OK, ERROR, STALE = b"\x00", b"\x02", b"\x03"
 
 
-def robot_status(messages: Messages, state: AgentState) -> Any:
-    """A robot's condition, and the progress of its program."""
-    level, text = _condition(state)
+def robot_status(messages: Messages, state: AgentState, shown: Display) -> Any:
+    """What a robot's touch panel shows, its condition, and the progress of its program."""
+    level = ERROR if shown.kind is DisplayKind.EXCEPTIONAL else OK
     program = state.program
     values = {
+        "display": shown.kind.name.lower(),
         "condition": state.condition.name.lower(),
         "adaptor": state.adaptor,
         "floor": state.at.floor,
@@ -27,7 +29,7 @@ def robot_status(messages: Messages, state: AgentState) -> Any:
         "speed cap [m/s]": f"{state.speed_cap:g}",
         "tick jitter [s]": f"{state.jitter_s:.4f}",
     }
-    return messages.status(level, state.name, text, values)
+    return messages.status(level, state.name, shown.text, values)
 
 
 def lost_status(messages: Messages, robot: str, reason: str) -> Any:
@@ -38,14 +40,3 @@ def lost_status(messages: Messages, robot: str, reason: str) -> Any:
 def system_status(messages: Messages, problem: str) -> Any:
     """Of the system itself. problem: empty if there is none."""
     return messages.status(ERROR if problem else OK, "robocorba", problem or "connected", {})
-
-
-def _condition(state: AgentState) -> tuple[bytes, str]:
-    if state.condition is AgentCondition.STOPPED:
-        return ERROR, f"stopped: {state.reason}"
-    program = state.program
-    if state.condition is AgentCondition.IDLE:
-        if program.result is ProgramResult.FAILED:
-            return WARN, f"program {program.name} failed: {program.reason}"
-        return OK, "idle"
-    return OK, f"{state.condition.name.lower()}: {program.name}"

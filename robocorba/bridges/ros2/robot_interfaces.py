@@ -79,7 +79,8 @@ class RobotInterfaces:
                 statuses.append(lost_status(self._messages, name, "no control agent is bound"))
                 continue
             try:
-                statuses.append(robot_status(self._messages, orders.order(RemoteAgent.state)))
+                state, shown = orders.order(lambda agent: (agent.state(), agent.display()))
+                statuses.append(robot_status(self._messages, state, shown))
             except RoboCorbaError as error:
                 statuses.append(lost_status(self._messages, name, str(error)))
         message = self._messages.statuses(self._publisher.time_s, statuses)

@@ -48,7 +48,7 @@ export class FloorCanvas {
     this.underlay = null;
     // Each may have below, above (metres) and labels (pixels), called with the context and the canvas.
     this.overlays = [];
-    // Of a robot: {color, note}, a colour other than its usual one, and a word to its name. Either may be missing.
+    // Of a robot: {color, note, noteColor}, a colour other than its usual one, and words to its name. All may be missing.
     this.describe = () => ({});
     this.selected = "";
     this.isShownRoadmap = false;
@@ -451,9 +451,9 @@ export class FloorCanvas {
     }
     robots.sort((a, b) => (b.name === this.selected) - (a.name === this.selected));
     for (const body of robots) {
-      const { note } = this.describe(body);
+      const { note, noteColor } = this.describe(body);
       const isBold = body.name === this.selected;
-      this.drawLabel(body.number, shortened(body.name, 20), body, { note, isBold, mustShow: true });
+      this.drawLabel(body.number, shortened(body.name, 20), body, { note, noteColor, isBold, mustShow: true });
     }
     for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
     for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator), elevator.at);
@@ -472,7 +472,7 @@ export class FloorCanvas {
   }
 
   // A name beside a disc {x, y, radius} of the floor.
-  drawLabel(key, text, disc, { note = "", isBold = false, mustShow = false } = {}) {
+  drawLabel(key, text, disc, { note = "", noteColor, isBold = false, mustShow = false } = {}) {
     const { context, colors } = this;
     context.font = isBold ? `bold ${LABEL_FONT}` : LABEL_FONT;
     const lines = note ? [text, note] : [text];
@@ -484,7 +484,7 @@ export class FloorCanvas {
     if (!place) return;
     lines.forEach((line, index) => {
       const y = place[1] - height / 2 + LABEL_PX * (index + 0.5);
-      this.drawText(line, place[0], y, index ? colors.collision : colors.text);
+      this.drawText(line, place[0], y, index ? noteColor ?? colors.collision : colors.text);
     });
   }
 

@@ -3,6 +3,7 @@ import { FloorCanvas } from "/static/floor_canvas.js";
 import { HappeningFeed } from "/static/happening_feed.js";
 import { call, live } from "/static/live.js";
 import { BEFORE_S, recordedPlan } from "/static/past.js";
+import { displayText } from "/static/robot_display.js";
 import { Collisions, ageText, robotRows } from "/static/robot_rows.js";
 import { BodyDrag } from "/static/body_drag.js";
 import { MonitorScene } from "/static/monitor_scene.js";
@@ -259,8 +260,7 @@ export default {
       this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
         live.plan(this.current));
       for (const row of rows) {
-        const word = row.failure ? `${row.condition}, \u2717 failed` : row.condition;
-        row.word = this.collisions.has(row.name) ? "\u2715 collision" : word;
+        row.word = this.collisions.has(row.name) ? "\u2715 collision" : displayText(row.display);
       }
       this.robots = rows;
       this.scene.robots = new Map(rows.map((row) => [row.name, row]));

@@ -2,7 +2,7 @@
 // moved.
 import { disc, line, polygon } from "/static/floor_canvas.js";
 import { distanceTo } from "/static/segments.js";
-import { shortened } from "/static/texts.js";
+import { shortened, wrapped } from "/static/texts.js";
 import { ageText } from "/static/robot_rows.js";
 
 // How long the reason of a refusal stays at its place [ms].
@@ -39,8 +39,10 @@ export class MonitorScene {
     const robot = this.robots.get(body.name);
     if (!robot) return {};
     if (robot.isSilent) return { color: colors.lost, note: `no answer ${ageText(robot.age)}` };
-    if (robot.condition === "stopped" || robot.condition === "paused") return { note: robot.condition };
-    return {};
+    const { kind, text } = robot.display;
+    const note = shortened(text, 30);
+    if (kind === "exceptional") return { note };
+    return kind === "waiting" && robot.condition !== "idle" ? { note, noteColor: colors.text } : {};
   }
 
   refuse(text, x, y) {
@@ -282,14 +284,4 @@ function ahead(points, { x, y }) {
     if (distance <= nearest.distance) nearest = { distance, index };
   }
   return [[x, y], ...points.slice(nearest.index + 1)];
-}
-
-function wrapped(context, text, width) {
-  const lines = [""];
-  for (const word of shortened(text, 240).split(/\s+/)) {
-    const longer = `${lines[lines.length - 1]} ${word}`.trim();
-    if (context.measureText(longer).width > width && lines[lines.length - 1]) lines.push(word);
-    else lines[lines.length - 1] = longer;
-  }
-  return lines.map((each) => shortened(each, 60));
 }

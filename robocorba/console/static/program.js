@@ -143,7 +143,7 @@ export default {
       if (!this.model.icons.length) return "the program has no icons";
       if (this.incomplete.size) return "complete or repair the yellow icons";
       if (this.findings.some((finding) => finding.kind === "error")) return "repair the icons that are not possible";
-      if (this.robotRow.condition !== "idle") return `${this.robot} is ${this.robotRow.condition || "not there"}`;
+      if (this.robotRow.condition !== "idle") return `${this.robot}: ${this.robotRow.shown || "not there"}`;
       return this.robotRow.problem;
     },
     // Known names for parameters that name something.

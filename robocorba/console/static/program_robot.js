@@ -5,6 +5,7 @@ import { LOST_S } from "/static/robot_rows.js";
 import { fourDigits } from "/static/program_model.js";
 import { shiftedPaths } from "/static/program_run.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
+import { shortened } from "/static/texts.js";
 import { VIRTUAL } from "/static/upload_panel.js";
 
 const STORED_ROBOT = "robocorba-robot";
@@ -179,17 +180,17 @@ function isActive(robotRow) {
 function stateText(row, wait) {
   if (!row.state) return row.problem ? "does not answer" : "connecting";
   if (row.age + wait > LOST_S) return "does not answer";
-  return `${row.state.condition.toLowerCase()}, ${row.state.at.floor}`;
+  return `${shortened(row.state.display.text, 40)}, ${row.state.at.floor}`;
 }
 
 function robotRow(name, row, wait) {
   if (!name) return { name: "" };
   if (!row?.state) return { name, problem: row?.problem ? `${name} does not answer: ${row.problem}` : "" };
-  const { condition, adaptor, reason } = row.state, age = row.age + wait;
+  const { condition, adaptor, display } = row.state, age = row.age + wait;
   const problem = age > LOST_S ? `${name} does not answer since ${Math.round(age)} s` : "";
   const isActual = adaptor !== VIRTUAL, runs = row.state.program.name;
   const { floor } = row.state.at;
-  return { name, condition: condition.toLowerCase(), adaptor, isActual, runs, reason, problem, floor };
+  return { name, condition: condition.toLowerCase(), adaptor, isActual, runs, shown: display.text, problem, floor };
 }
 
 function progressOf(report, isFollowed) {

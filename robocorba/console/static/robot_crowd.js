@@ -31,7 +31,7 @@ export class RobotCrowd {
     this.hasNames = true;
   }
 
-  // robots: [{name, x, y, z, heading, radius, joints, display, words, isLost}]; without joints it stands at rest.
+  // robots: [{name, x, y, z, heading, radius, joints, display: {kind, text}, isLost}]; without joints it stands at rest.
   set(robots, selected) {
     this.robots = robots;
     this.selected = selected;
@@ -68,7 +68,7 @@ export class RobotCrowd {
     this.view.redraw();
   }
 
-  articulate({ name, x, y, z, heading, joints, display, words }) {
+  articulate({ name, x, y, z, heading, joints, display }) {
     let model = this.articulated.get(name);
     if (!model) {
       model = new ArticulatedRobot(this.shape);
@@ -78,7 +78,7 @@ export class RobotCrowd {
     model.group.position.set(x, y, z);
     model.group.rotation.z = heading;
     model.pose(joints ?? []);
-    model.show(display, words);
+    model.show(display.kind, display.text);
   }
 
   setNames(robots) {

@@ -1,16 +1,11 @@
 // Articulated robots and plain bodies for three.js, from the part list of the server (robot/kinematics/appearance.py).
 import { THREE } from "nicegui-scene";
+import { DISPLAYS } from "/static/robot_display.js";
+import { wrapped } from "/static/texts.js";
 
 const SEGMENTS = 20;
 // Segments of plain bodies, and the volume of the boxes around the parts that they have [m^3].
 const COARSE_SEGMENTS = 7, COARSE_VOLUME = 9e-4;
-// Colour of the display and its sign in each of the paper's states: a shape beside the colour.
-const SCREENS = {
-  "": ["#3b4650", "\u2013"], // of the past: not recorded
-  working: ["#0b5d3b", "\u25b6"],
-  waiting: ["#174a7c", "\u2016"],
-  exceptional: ["#9b0d4c", "\u26a0"],
-};
 
 // Merge geometries into one with a colour at each vertex. pieces: [geometry, colour].
 export function merged(pieces) {
@@ -140,26 +135,24 @@ export class ArticulatedRobot {
     mesh.position.set(...display.at);
     mesh.rotation.set(...display.rpy, "ZYX");
     this.links.get(display.link).add(mesh);
-    this.show("waiting", "");
+    this.show("", "");
   }
 
-  // Write the robot's state on its display: working, waiting or exceptional, as in the paper; below it what it does.
-  show(state, text = "") {
-    if (this.shown === `${state} ${text}` || !this.screen) return;
-    this.shown = `${state} ${text}`;
+  // Write a display on the robot's touch panel: kind is working, waiting or exceptional, as in the paper, or "".
+  show(kind, text) {
+    if (this.shown === `${kind} ${text}` || !this.screen) return;
+    this.shown = `${kind} ${text}`;
     const { screen } = this;
-    const [color, sign] = SCREENS[state];
+    const [color, sign] = DISPLAYS[kind];
     screen.fillStyle = color;
     screen.fillRect(0, 0, 256, 180);
     screen.fillStyle = "#ffffff";
     screen.textAlign = "center";
     screen.textBaseline = "middle";
-    screen.font = "bold 54px sans-serif";
-    screen.fillText(sign, 128, 44);
-    screen.font = "bold 38px sans-serif";
-    screen.fillText(state, 128, 102, 244);
-    screen.font = "26px sans-serif";
-    screen.fillText([...text].slice(0, 40).join(""), 128, 148, 240);
+    screen.font = "bold 36px sans-serif";
+    screen.fillText(`${sign} ${kind}`, 128, 34, 244);
+    screen.font = "25px sans-serif";
+    wrapped(screen, text, 244).slice(0, 4).forEach((line, row) => screen.fillText(line, 128, 78 + 29 * row, 244));
     this.texture.needsUpdate = true;
   }
 

@@ -2,6 +2,7 @@
 import { plainWords, titleOf } from "/static/icon_looks.js";
 import { call } from "/static/live.js";
 import { clockText } from "/static/past.js";
+import { displayText } from "/static/robot_display.js";
 import { ageText, degrees } from "/static/robot_rows.js";
 import SureButton from "/static/sure_button.js";
 
@@ -115,9 +116,9 @@ function speedText(speed, turn, most) {
   return `${speed.toFixed(2)} m/s${limit}, turning ${degrees(turn)}/s`;
 }
 
-function stateFacts({ at, agent, client, condition, problem, age, mission, isHere, failure }) {
-  const rows = [["state", agent?.reason ? `${condition}: ${agent.reason}` : condition]];
-  if (failure) rows.push(["last result", `${agent.program.name || "the program"} failed: ${failure}`]);
+function stateFacts({ at, agent, client, condition, display, problem, age, mission, isHere }) {
+  const rows = [["state", displayText(display)]];
+  if (display.kind) rows.push(["for", ageText(display.seconds + age)]);
   rows.push(["last news", ageText(age)]);
   if (problem) rows.push(["problem", problem]);
   if (at) rows.push([isHere ? "pose" : "last pose", poseText(at)]);

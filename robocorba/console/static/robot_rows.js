@@ -9,7 +9,7 @@ const COLLISION_S = 4;
 // Gap up to which two bodies, or a body and a wall, are regarded as touching [m].
 const TOUCH_M = 0.03;
 
-// {name, floor, at, isLost, isHere, age, condition, program, agent, client, problem}, sorted by name.
+// {name, floor, at, isLost, isHere, age, condition, display, program, agent, client, problem}, sorted by name.
 // isHere: the simulation has it. age: of its agent's last news, or for one without agent of its last call [s]; null:
 // none yet.
 export function robotRows(state, waitS) {
@@ -26,16 +26,17 @@ export function robotRows(state, waitS) {
     const age = entry?.age == null ? (client ? clientAge : null) : entry.age + waitS;
     const isLost = age === null || age > LOST_S || (!isHere && (!agent || agent.adaptor === "simulated"));
     const at = client?.at ?? agent?.at ?? null;
+    const absence = absenceOf(entry, agent, isHere);
     return {
       name, agent, client, at, isHere, isLost, age,
       floor: at?.floor ?? "",
       // Since when the simulation does not have it any more [s].
       goneAge: isHere || !gone[name] ? null : gone[name].age + waitS,
       isSilent: Boolean(entry) && (entry.age == null || entry.age + waitS > LOST_S),
-      condition: conditionOf(entry, agent, isHere),
+      condition: absence || (agent?.condition.toLowerCase() ?? ""),
+      // What its touch panel shows; of a robot whose agent is not there, or not known yet, why.
+      display: absence || !agent ? { kind: "", text: absence, seconds: 0 } : agent.display,
       program: agent?.program.name ?? "",
-      // Why the last program has failed; empty while one runs and after one that was done.
-      failure: failureOf(agent),
       path: entry?.state?.path ?? null,
       mission: entry?.state?.mission ?? "",
       problem: entry?.problem ?? "",
@@ -47,17 +48,12 @@ function byName(a, b) {
   return a.localeCompare(b, undefined, { numeric: true });
 }
 
-function conditionOf(entry, agent, isHere) {
+// Why nothing is known of a robot's agent now; empty if it is there.
+function absenceOf(entry, agent, isHere) {
   if (!entry) return isHere ? "no agent" : "left";
   if (!isHere && !entry.bound) return "left";
-  if (!agent) return entry.problem ? "no answer" : "";
-  if (!isHere && agent.adaptor === "simulated") return "logged off";
-  return entry.problem ? "no answer" : agent.condition.toLowerCase();
-}
-
-function failureOf(agent) {
-  if (agent?.program.result !== "FAILED" || !["IDLE", "STOPPED"].includes(agent.condition)) return "";
-  return agent.program.reason || "no reason is known";
+  if (agent && !isHere && agent.adaptor === "simulated") return "logged off";
+  return entry.problem ? "no answer" : "";
 }
 
 export function ageText(age) {

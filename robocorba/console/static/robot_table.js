@@ -14,8 +14,9 @@ export default {
               @click="$emit('select', robot.name)" @keydown="key($event, index)">
             <td :title="robot.name">{{ robot.name }}</td>
             <td :title="robot.floor">{{ robot.floor }}</td>
-            <td :title="robot.problem || robot.failure" :class="{ 'is-problem': robot.failure }">{{ robot.word }}</td>
-            <td :title="[robot.program, robot.failure].filter(Boolean).join(' failed: ')">{{ robot.program }}</td>
+            <td :title="robot.problem || robot.display.text"
+                :class="{ 'is-problem': robot.display.kind === 'exceptional' }">{{ robot.word }}</td>
+            <td :title="robot.program">{{ robot.program }}</td>
             <td>{{ robot.news }}</td>
           </tr>
           <tr v-if="!robots.length">

@@ -2,8 +2,8 @@
 import { rememberView } from "/static/shared_view.js";
 
 export const RunBar = {
-  // robots: [{name, text}]. robot: {name, condition, adaptor, isActual, runs, reason, problem, floor}; for none name is
-  // "".
+  // robots: [{name, text}]. robot: {name, condition, adaptor, isActual, runs, shown, problem, floor}, shown: on its touch panel;
+  // for none name is "".
   // progress: {text, kind: "" | "error" | "done"} of the running or last program.
   props: { robots: Array, robot: Object, canRun: Boolean, why: String, progress: Object },
   emits: ["choose", "run", "step", "pause", "abort", "release", "upload", "dismiss"],
@@ -55,7 +55,7 @@ export const RunBar = {
     problem() {
       if (!this.robots.length) return "no robots; start one with: robocorba robot NAME";
       if (this.robot.problem) return this.robot.problem;
-      return this.robot.condition === "stopped" ? `${this.robot.name} is stopped: ${this.robot.reason}` : "";
+      return this.robot.condition === "stopped" ? `${this.robot.name} ${this.robot.shown}` : "";
     },
   },
   methods: {

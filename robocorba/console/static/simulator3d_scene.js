@@ -1,8 +1,8 @@
 // Methods of the 3D page: what is in the scene, from the floors that are shown, the robots' states and their links.
-import { titleOf } from "/static/icon_looks.js";
 import { live } from "/static/live.js";
 import { RobotLink } from "/static/robot_link.js";
-import { LOST_S } from "/static/robot_rows.js";
+import { displayText } from "/static/robot_display.js";
+import { LOST_S, ageText } from "/static/robot_rows.js";
 
 export const sceneMethods = {
   update() {
@@ -32,7 +32,7 @@ export const sceneMethods = {
     return {
       name: body.name, x: body.x, y: body.y, z: this.drawn(heightOf(body, plan, floor)), heading: body.heading,
       speed: Math.hypot(body.vx, body.vy), floor: plan.name, joints: isLive ? this.joints(body.name) : undefined,
-      ...(isLive ? displayed(agent) : { display: "", words: "" }),
+      display: agent?.display ?? { kind: "", text: "" },
       isLost: Boolean(row) && row.age !== null && row.age + waitS > LOST_S,
     };
   },
@@ -76,10 +76,8 @@ export const sceneMethods = {
     const agent = live.state?.robots[this.selected]?.state;
     const rows = [];
     if (agent) {
-      const { display, words } = displayed(agent);
-      rows.push(["display", words ? `${display}: ${words}` : display]);
+      rows.push(["display", displayText(agent.display)], ["for", ageText(agent.display.seconds)]);
       rows.push(["at", `${agent.at.floor} ${agent.at.x.toFixed(2)}, ${agent.at.y.toFixed(2)} m`]);
-      if (agent.reason) rows.push(["reason", agent.reason]);
     } else {
       rows.push(["", "no news of it"]);
     }
@@ -142,18 +140,4 @@ export const sceneMethods = {
 function heightOf(body, plan, floor) {
   for (const state of Object.values(floor.elevators)) if (state.riders.includes(body.name)) return state.height;
   return plan.elevation;
-}
-
-// What a robot's display shows: the paper's working, waiting or exceptional, and more about it.
-function displayed(agent) {
-  if (!agent) return { display: "waiting", words: "" };
-  const { condition, program } = agent;
-  if (condition === "STOPPED") return { display: "exceptional", words: "stopped" };
-  if (condition === "PAUSED") return { display: "waiting", words: "paused" };
-  if (condition === "RUNNING") {
-    const isWait = program.kind === "wait" || program.kind === "wait_until";
-    return { display: isWait ? "waiting" : "working", words: titleOf(program.kind) };
-  }
-  if (program.result === "FAILED") return { display: "exceptional", words: "program failed" };
-  return { display: "waiting", words: "" };
 }

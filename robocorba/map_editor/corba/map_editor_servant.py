@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol
 
 from robocorba.errors.maps import InvalidElement, MapFileError, ReplyTooLarge, VersionUnavailable
+from robocorba.errors.services import ServiceError
 from robocorba.map_editor import native
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
@@ -19,6 +20,7 @@ from robocorba.map_editor.time_limit import time_limit
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
+from robocorba.system.extras import require_extra
 
 #: Closed transactions whose servants stay active and raise TransactionClosed; older ones are deactivated.
 CLOSED_TRANSACTIONS_KEPT = 100
@@ -53,7 +55,11 @@ class TransactionServant(RoboCorba__POA.Transaction):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> None:
-        self._transaction.change(onFloor, maps.element_of(value), expected)
+        self._transaction.change(onFloor, maps.replacement_of(value, onFloor, self._transaction.find), expected)
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> None:
+        self._transaction.change(*maps.edited(fact, self._transaction.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> None:
@@ -128,7 +134,11 @@ class EditSessionServant(RoboCorba__POA.EditSession):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> int:
-        return self._session.change(onFloor, maps.element_of(value), expected)
+        return self._session.change(onFloor, maps.replacement_of(value, onFloor, self._session.find), expected)
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> int:
+        return self._session.change(*maps.edited(fact, self._session.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:
@@ -198,7 +208,15 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def change(self, onFloor: str, value: Any, expected: int) -> int:
-        return self._editor.change(onFloor, maps.element_of(value), expected)
+        return self._editor.change(onFloor, maps.replacement_of(value, onFloor, self._editor.building.find), expected)
+
+    @translating
+    def readFacts(self, part: Any) -> list[Any]:
+        return maps.facts_of(self._editor.building, maps.selection_of(part))
+
+    @translating
+    def setFact(self, fact: Any, expected: int) -> int:
+        return self._editor.change(*maps.edited(fact, self._editor.building.find), expected)
 
     @translating
     def remove(self, id: Any, expected: int) -> int:
@@ -261,6 +279,10 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def buildTopologicalMap(self, onFloor: str, robotRadius: float) -> int:
+        try:
+            require_extra("maps", "generated topological maps")
+        except ServiceError as error:
+            raise InvalidElement("floor", "", onFloor, str(error)) from None
         # Imported here: it takes 0.5 s to load, and a server must restart quickly.
         from robocorba.map_editor.topology import topological_map
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, TypeAlias
 
+import msgspec
 from omniORB import CORBA
 
 from robocorba.errors import maps as errors
@@ -18,6 +19,9 @@ from robocorba.map_editor.underlays import Underlay
 from robocorba.orb.exceptions import register, register_system, register_with
 from robocorba.orb.structs import BOOLEAN, SAME, STRINGS, Converter, enumeration, sequence, struct_converter
 from robocorba.stubs import RoboCorba
+
+#: Returns an element by kind, floor and name, None if there is none.
+Find: TypeAlias = Callable[[ElementKind, str, str], Element | None]
 
 _KIND = enumeration(ElementKind, suffix="_ELEMENT")
 _POINT = Converter(lambda point: RoboCorba.XY(*point), lambda found: (found.x, found.y))
@@ -97,6 +101,76 @@ def element_of(union: Any) -> Element:
         raise CORBA.BAD_PARAM(0, CORBA.COMPLETED_NO) from None
     found: Element = _ELEMENTS[kind].from_idl(union._v)
     return found
+
+
+def fact_keys(kind: ElementKind) -> tuple[str, ...]:
+    """The members of a kind that are ElementFacts, since its struct of 0.1.0 lacks them."""
+    return {ElementKind.OBJECT: ("mass",), ElementKind.AREA: ("gateway",)}.get(kind, ())
+
+
+def facts(floor: str, value: Element) -> list[Any]:
+    """The ElementFacts of an element, also those that are 0 or empty."""
+    kind = KIND_OF[type(value)]
+    where = element_id(kind.value, floor, value.name)
+    return [RoboCorba.ElementFact(where, each, str(getattr(value, each))) for each in fact_keys(kind)]
+
+
+def facts_of(building: model.Building, part: Selection) -> list[Any]:
+    """The ElementFactSeq of a part of a building."""
+    return [
+        fact
+        for floor in building.floors
+        if part.floor in ("", floor)
+        for kind in part.kinds or ElementKind
+        for value in building.elements(kind, floor).values()
+        if any(getattr(value, each) for each in fact_keys(kind))
+        for fact in facts(floor, value)
+    ]
+
+
+def with_fact(value: Element, fact: Any) -> Element:
+    """An element with a fact. Raises InvalidElement."""
+    key = key_of(fact.id)
+    known = fact_keys(key.kind)
+    if fact.key not in known:
+        reason = f"it has no fact {fact.key[:80]!r}; there are {', '.join(known) or 'none'}"
+        raise errors.InvalidElement(*key.words, reason)
+    try:
+        fresh = type(getattr(value, fact.key))(fact.value)
+    except ValueError:
+        raise errors.InvalidElement(*key.words, f"{fact.key} is not a number: {fact.value[:80]!r}") from None
+    return msgspec.structs.replace(value, **{fact.key: fresh})
+
+
+def with_facts(building: model.Building, found: Iterable[Any]) -> model.Building:
+    """A building with the facts of an ElementFactSeq; those of elements that it lacks, and of later releases, are left
+    out."""
+    changes: dict[ElementKey, Element] = {}
+    for fact in found:
+        key = key_of(fact.id)
+        before = changes.get(key) or building.find(*key)
+        if before is not None and fact.key in fact_keys(key.kind):
+            changes[key] = with_fact(before, fact)
+    fresh = [(*key, value) for key, value in changes.items() if value != building.find(*key)]
+    return building.with_changes(fresh) if fresh else building
+
+
+def edited(fact: Any, find: Find) -> tuple[str, Element]:
+    """The floor and the element of a fact, with the fact. Raises UnknownElement, InvalidElement."""
+    key = key_of(fact.id)
+    before = find(*key)
+    if before is None:
+        raise errors.UnknownElement(*key.words)
+    return key.floor, with_fact(before, fact)
+
+
+def replacement_of(union: Any, floor: str, find: Find) -> Element:
+    """The element in an Element union, with the facts of the one that it replaces, which `find` returns."""
+    value = element_of(union)
+    kind = KIND_OF[type(value)]
+    if (kept := fact_keys(kind)) and (before := find(kind, floor, value.name)) is not None:
+        value = msgspec.structs.replace(value, **{each: getattr(before, each) for each in kept})
+    return value
 
 
 def kind_of(enumerator: Any) -> ElementKind:

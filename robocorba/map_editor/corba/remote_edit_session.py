@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from omniORB import CORBA
@@ -11,7 +11,7 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import SessionEnded, TransactionClosed
 from robocorba.map_editor.corba import maps
-from robocorba.map_editor.corba.remote_map import RemoteMap, changes_after, element_pages
+from robocorba.map_editor.corba.remote_map import RemoteMap, changes_after, element_pages, facts_of
 from robocorba.map_editor.edits import EditRecord, Finding, MapChange
 from robocorba.map_editor.model import Building, Element, ElementKind
 from robocorba.map_editor.pages import Selection
@@ -61,12 +61,21 @@ class RemoteMapEditor:
         records = [record for page in pages for record in page.elements]
         if not records:
             records = self._editor.call(lambda editor: editor.elements(maps.enumerator_of(kind), floor))
-        return [(maps.element_of(record.value), record.changedAt) for record in records]
+        return self._with_facts(part, records)
 
     def read(self, kind: ElementKind, floor: str, name: str) -> tuple[Element, int]:
         """An element and the version that last changed it. Raises UnknownElement."""
         record = self._editor.call(lambda editor: editor.read(maps.element_id(kind.value, floor, name)))
-        return maps.element_of(record.value), record.changedAt
+        return self._with_facts(Selection((kind,), floor), [record])[0]
+
+    def _with_facts(self, part: Selection, records: Sequence[Any]) -> list[tuple[Element, int]]:
+        """The elements of records of one kind and floor, with their facts and versions."""
+        found = {value.name: value for value in (maps.element_of(record.value) for record in records)}
+        if known := maps.fact_keys(part.kinds[0]):
+            for fact in self._editor.call(lambda editor: list(facts_of(editor, part))):
+                if fact.id.name in found and fact.key in known:
+                    found[fact.id.name] = maps.with_fact(found[fact.id.name], fact)
+        return [(value, record.changedAt) for value, record in zip(found.values(), records, strict=True)]
 
     def changes_since(self, version: int) -> list[MapChange]:
         """The changes after `version`, in order. Raises VersionUnavailable."""
@@ -144,11 +153,19 @@ class RemoteEditSession:
 
     def create(self, floor: str, element: Element) -> int:
         """Add an element. Raises DuplicateElement, UnknownElement for the floor, InvalidElement."""
-        return self._version(lambda session: session.create(floor, maps.element(element)))
+        if not maps.facts(floor, element):
+            return self._version(lambda session: session.create(floor, maps.element(element)))
+        transaction = self.begin()
+        transaction.create(floor, element)
+        return transaction.commit()
 
     def change(self, floor: str, element: Element, expected: int) -> int:
         """Replace the element of that kind, floor and name. Raises UnknownElement, StaleEdit, InvalidElement."""
-        return self._version(lambda session: session.change(floor, maps.element(element), expected))
+        if not maps.facts(floor, element):
+            return self._version(lambda session: session.change(floor, maps.element(element), expected))
+        transaction = self.begin()
+        transaction.change(floor, element, expected)
+        return transaction.commit()
 
     def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> int:
         """Remove an element. Raises UnknownElement, StaleEdit, InvalidElement if a remaining element refers to it."""
@@ -200,10 +217,16 @@ class RemoteTransaction:
     def create(self, floor: str, element: Element) -> None:
         """As RemoteEditSession.create."""
         self._transaction.call(lambda transaction: transaction.create(floor, maps.element(element)))
+        self._set_facts(floor, element, 0)
 
     def change(self, floor: str, element: Element, expected: int) -> None:
         """As RemoteEditSession.change. An element that this transaction created has version 0."""
         self._transaction.call(lambda transaction: transaction.change(floor, maps.element(element), expected))
+        self._set_facts(floor, element, expected)
+
+    def _set_facts(self, floor: str, element: Element, expected: int) -> None:
+        for fact in maps.facts(floor, element):
+            self._transaction.call(lambda transaction: transaction.setFact(fact, expected))  # noqa: B023
 
     def remove(self, kind: ElementKind, floor: str, name: str, expected: int) -> None:
         """As RemoteEditSession.remove."""

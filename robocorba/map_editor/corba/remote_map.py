@@ -14,7 +14,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edits import MapChange
 from robocorba.map_editor.lineage import FOLLOWED, SAME_NAMES, Lineage
-from robocorba.map_editor.model import Building, ElementKind
+from robocorba.map_editor.model import Area, Building, ElementKind, MapObject
 from robocorba.map_editor.pages import (
     EVERYTHING,
     MAX_PAGE,
@@ -83,7 +83,7 @@ class RemoteMap:
                 version, name = first.readAt, self._editor._get_buildingName()
                 elements = chain(first.elements, chain.from_iterable(page.elements for page in pages))
                 building = building_of(name, ((record.onFloor, maps.element_of(record.value)) for record in elements))
-                self.building, self.version = building, version
+                self.building, self.version = maps.with_facts(building, facts_of(self._editor, self._part)), version
                 self._pending, self._next = [], ChangePosition(version)
                 if self._apply_changes(at_any_cost=True):  # edits during loading
                     return
@@ -106,6 +106,8 @@ class RemoteMap:
             if count > max(MAX_PAGE, size_of_copy(self.building)) and not at_any_cost:
                 return False
         self.building, self.version = with_changes_of(self.building, self._pending), self._next.since
+        if any(isinstance(change.element, MapObject | Area) for change in self._pending):
+            self.building = maps.with_facts(self.building, facts_of(self._editor, self._part))
         self._pending = []
         return True
 
@@ -168,16 +170,21 @@ def path_node_positions(orb: Orb, floor: str) -> Iterator[tuple[str, float, floa
     """Floor, x and y [m] of the path nodes of a floor (of the first floor if `floor` is empty).
 
     Raises UnknownFloor, NotReachable."""
+    return ((chosen, *node.at) for chosen, node in elements_of_floor(orb, ElementKind.NODE, floor))
+
+
+def elements_of_floor(orb: Orb, kind: ElementKind, floor: str) -> Iterator[tuple[str, Any]]:
+    """The elements of a kind, each with its floor, as `path_node_positions`."""
     editor = orb.resolve("MapEditor", RoboCorba.MapEditor, 5.0)
     with translated("the map editor"):
         floors = list(editor.floors())
         chosen = floor or floors[0]
         if chosen not in floors:
             raise UnknownFloor("floor", floor, floors)
-        pages = list(element_pages(editor, Selection((ElementKind.NODE,), chosen)))
+        pages = list(element_pages(editor, Selection((kind,), chosen)))
     for page in pages:
         for record in page.elements:
-            yield chosen, record.value._v.at.x, record.value._v.at.y
+            yield chosen, maps.element_of(record.value)
 
 
 def exported(orb: Orb, timeout_s: float) -> str:
@@ -194,6 +201,14 @@ def element_pages(editor: Any, part: Selection) -> Iterator[Any]:
         page = editor.readElements(start, maps.selection(part), 0)
         yield page
         start, is_last = page.next, page.isLast
+
+
+def facts_of(editor: Any, part: Selection) -> Any:
+    """The ElementFacts of a part of the building; none of a map editor that does not know them."""
+    try:
+        return editor.readFacts(maps.selection(part))
+    except CORBA.BAD_OPERATION:
+        return ()
 
 
 def changes_after(editor: Any, version: int, part: Selection = EVERYTHING) -> Iterator[MapChange]:

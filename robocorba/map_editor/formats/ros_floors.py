@@ -11,7 +11,6 @@ from collections.abc import Iterable
 import msgspec
 import numpy as np
 import shapely
-from scipy import ndimage
 
 from robocorba.map_editor import native
 from robocorba.map_editor.formats import ros_map
@@ -23,6 +22,7 @@ from robocorba.map_editor.geometry import LANDING_REACH_M, landing_line, shaft_p
 from robocorba.map_editor.losses import Imported, Losses
 from robocorba.map_editor.model import Building, Elevator, Floor, FloorMap
 from robocorba.map_editor.yaml_file import YamlFile, read_yaml
+from robocorba.system.extras import require_extra
 
 
 class _FloorEntry(msgspec.Struct, forbid_unknown_fields=True):
@@ -41,7 +41,9 @@ class _ListFile(msgspec.Struct, forbid_unknown_fields=True):
 
 
 def _read(file: YamlFile, options: ReadOptions) -> Imported:
-    """The building that a list of map_server files describes. Raises MapFileError with file, line and key."""
+    """The building that a list of map_server files describes. Raises MapFileError with file, line and key;
+    ServiceError without the extra maps."""
+    require_extra("maps", "ROS maps")
     version = file.data["ros_maps"]
     if type(version) is not int or version != 1:
         raise file.error("$.ros_maps", f"this release reads version 1, not {version!r}")
@@ -125,6 +127,8 @@ def _clear_shaft(
     item: Item, elevator: Elevator, floor: str, cells: np.ndarray, settings: MapServerSettings, losses: Losses
 ) -> None:
     """Mark the cells in the shaft of an elevator as free, and those before and behind its doors on a floor."""
+    from scipy import ndimage
+
     shaft = shapely.transform(shaft_polygon(elevator), settings.to_cells)
     if not shapely.box(0, 0, cells.shape[1], cells.shape[0]).covers(shaft):
         raise item.error(f"its shaft reaches beyond the picture of floor {floor!r}; move it or enlarge the picture")

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy import ndimage
 
 from robocorba.map_editor.formats.grid import FREE, OCCUPIED, UNKNOWN
 from robocorba.map_editor.formats.map_format import MapFormat, ReadOptions
@@ -21,6 +20,7 @@ from robocorba.map_editor.formats.yaml_item import Item
 from robocorba.map_editor.losses import Imported, Losses, remove_invalid_elements
 from robocorba.map_editor.model import Building, Floor, FloorMap, GeometricalMap, MapObject, PolygonShape
 from robocorba.map_editor.yaml_file import YamlFile
+from robocorba.system.extras import require_extra
 
 #: Minimum area of a free region that is kept beside the largest one [m2]. A robot of 0.4 m radius covers 0.5 m2
 #: and can turn and leave in twice that. Laser beams through windows leave thousands of smaller regions.
@@ -38,7 +38,9 @@ def is_ros_map(data: Any) -> bool:
 
 
 def read(file: YamlFile, options: ReadOptions) -> Imported:
-    """The building of one floor that a map_server file and its picture show. Raises MapFileError with line and key."""
+    """The building of one floor that a map_server file and its picture show. Raises MapFileError with line and key;
+    ServiceError without the extra maps."""
+    require_extra("maps", "ROS maps")
     losses = Losses()
     root = Item(file, "$", file.data)
     settings = read_settings(root)
@@ -98,6 +100,8 @@ def _objects(
 
 def _remove_specks(cells: np.ndarray, settings: MapServerSettings, specks: str, losses: Losses) -> np.ndarray:
     """The cells with specks made free: those beside larger regions, or all (`specks` as in ReadOptions)."""
+    from scipy import ndimage
+
     largest = int(MAX_SPECK_M / settings.resolution + _SLACK)
     if specks == "keep" or largest < 1:
         return cells
@@ -135,6 +139,8 @@ def _crop_to_floor(
 
     The largest free region is kept, and each of at least MIN_FREE_REGION_M2, with the known
     cells that are connected to it."""
+    from scipy import ndimage
+
     regions, count = ndimage.label(cells == FREE)
     sizes = np.bincount(regions.ravel(), minlength=count + 1)
     sizes[0] = 0
@@ -161,6 +167,8 @@ def _crop_to_floor(
 
 def _around(ground: np.ndarray, cells: np.ndarray) -> tuple[slice, slice]:
     """The rows and columns that contain the ground and all known cells connected to it; all without ground."""
+    from scipy import ndimage
+
     known, count = ndimage.label(cells != UNKNOWN, EIGHT_NEIGHBOURS)
     reached = np.zeros(count + 1, bool)
     reached[known[ground]] = True
@@ -171,6 +179,8 @@ def _around(ground: np.ndarray, cells: np.ndarray) -> tuple[slice, slice]:
 
 def _report_regions(sentence: str, regions: np.ndarray, settings: MapServerSettings, losses: Losses) -> None:
     """Report removed regions (0: no region): their number, their area and the positions of the five largest."""
+    from scipy import ndimage
+
     sizes = np.bincount(regions.ravel())
     sizes[0] = 0
     lost = np.flatnonzero(sizes)

@@ -12,7 +12,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy import ndimage
 
 #: Maximum number of points of a polygon. The rules allow ten times as many, but queries near a place
 #: process all points of each polygon that they find.
@@ -35,6 +34,8 @@ def solids(blocked: np.ndarray, max_points: int = MAX_RING_POINTS) -> tuple[list
 
     A region with holes is cut along rows or columns through all holes. Pieces overlap by
     one row or column, so that there is no gap between them. A polygon has at most `max_points` points."""
+    from scipy import ndimage
+
     labels, _ = ndimage.label(blocked, EIGHT_NEIGHBOURS)
     whole: list[Solid] = []
     to_cut: set[int] = set()

@@ -33,13 +33,18 @@ UNKNOWN_LIMIT_S = 20.0
 WALL_M = 0.02
 
 
-class Blocked(MotionFailed):
-    """An obstacle blocks the robot: the robot `other`, or a wall or an object if that is None."""
+def in_the_way(other: OtherRobot | None) -> str:
+    """Who is, a sentence. other: None for a wall or an object."""
+    return f"{other.name if other else 'a wall or an object'} is in the way"
 
-    def __init__(self, state: RobotState, other: OtherRobot | None) -> None:
+
+class Blocked(MotionFailed):
+    """An obstacle blocks the robot: the robot `other`, or if that is None a wall or an object, or what was `seen`."""
+
+    def __init__(self, state: RobotState, other: OtherRobot | None, seen: str = "") -> None:
         self.other = other
-        blocker = f"{other.name} is" if other else "a wall or an object is"
-        super().__init__(f"blocked at ({state.x:.2f}, {state.y:.2f}): {blocker} in the way")
+        blocker = in_the_way(other) if other or not seen else f"{seen} in the way"
+        super().__init__(f"blocked at ({state.x:.2f}, {state.y:.2f}): {blocker}")
 
 
 class GiveWay:
@@ -78,11 +83,15 @@ class GiveWay:
             share, other = self._allowed_share(state, command.velocity, elapsed_s)
         except NotReachable as error:
             self._check_patience(error, elapsed_s)
-            return command._replace(velocity=ZERO_VELOCITY)  # with unknown positions of others the robot does not drive
+            # With unknown positions of others the robot does not drive.
+            return command._replace(velocity=ZERO_VELOCITY, awaited=f"the positions of others: {error}")
         self._unknown_since = None
         self._check_blocked(state, share, other, elapsed_s)
         ahead, left, turn = command.velocity
-        return command._replace(velocity=(ahead * share, left * share, turn))
+        awaited = command.awaited
+        if self._blocked_since is not None and elapsed_s - self._blocked_since >= self._policy.wait_shown_s:
+            awaited = f"a free way: {in_the_way(other)}"
+        return command._replace(velocity=(ahead * share, left * share, turn), awaited=awaited)
 
     def _check_patience(self, error: NotReachable, now: float) -> None:
         """Data that are late for a moment, as on a busy machine, must not end a drive as if the robot were stuck."""

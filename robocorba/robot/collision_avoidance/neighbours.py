@@ -3,12 +3,18 @@ map."""
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from shapely import Polygon
+import numpy as np
+import shapely
+from shapely import LineString, Point, Polygon
+from shapely.geometry.base import BaseGeometry
 
+from robocorba.errors.services import NotReachable
+from robocorba.map_editor.spatial.frames import into, out_of
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
@@ -23,6 +29,12 @@ CLEARANCE_M = 0.1
 #: Minimum distance of the robot and of its goal outside such an area [m]. It leaves the path some clearance to other
 #: obstacles.
 MIN_CLEARANCE_M = 0.07
+#: Distance from a robot's centre up to which it holds what it faces [m].
+HOLDS_WITHIN_M = 0.7
+#: Distance from its rim at which a robot may be seen, as others know its place [m].
+SEEN_WITHIN_M = 0.2
+#: By how much more than their size a held object and its other carriers are taken to fill [m], as grips give.
+CARRIED_MARGIN_M = 0.1
 
 
 class OtherRobot(NamedTuple):
@@ -63,6 +75,14 @@ class Nearby:
             for _, other in snapshot.robots_near(x, y, 6.0)
         ]
 
+    def robot_at(self, x: float, y: float) -> OtherRobot | None:
+        """The robot whose rim is nearest to a point [m] and at most SEEN_WITHIN_M away; None if positions are unknown,
+        too."""
+        with contextlib.suppress(NotReachable):
+            near = [(math.hypot(other.x - x, other.y - y) - other.radius_m, other) for other in self.others(x, y)]
+            return min(((gap, other) for gap, other in near if gap < SEEN_WITHIN_M), default=(0.0, None))[1]
+        return None
+
     def clearance_m(self, x: float, y: float) -> float:
         """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
         near = self._pool.loaded_snapshot().nearest_non_robot(x, y)
@@ -87,6 +107,23 @@ class Nearby:
         nearest = nearest_first[: self.policy.max_objects]
         areas, names = tuple((snapshot.floor, item.corners) for item in nearest), tuple(item.name for item in nearest)
         return TemporaryObstacles(areas, (snapshot.floor,) if is_complete else (), names)
+
+    def carried(self, held: str) -> BaseGeometry | None:
+        """What moves with the robot, in its frame [m]: the object `held`, and the robots that face it within their
+        hands' reach. None if it holds nothing, or its pose is unknown."""
+        snapshot = self._pool.snapshot()
+        own, item = snapshot.robot(self.name), snapshot.object(held) if held else None
+        if own is None or item is None:
+            return None
+        outline = Polygon(item.corners)
+        carriers = [
+            Point(other.x, other.y).buffer(other.radius_m)
+            for _, other in snapshot.robots_near(own.x, own.y, 2.0 * (item.radius_m + HOLDS_WITHIN_M))
+            if _hands_of(other).intersects(outline)
+        ]
+        around = shapely.union_all([outline, *carriers]).buffer(CARRIED_MARGIN_M)
+        frame = own.x, own.y, own.heading
+        return shapely.transform(around, lambda points: np.array([into(x, y, frame) for x, y in points]))
 
     def parked_robots(self) -> TemporaryObstacles:
         """The other robots on the floor that stand still, at their full size."""
@@ -115,6 +152,11 @@ class Nearby:
 
 def _drives(robot: FloorEntity) -> bool:
     return math.hypot(robot.vx, robot.vy) >= STATIONARY_M_S
+
+
+def _hands_of(robot: FloorEntity) -> LineString:
+    """From a robot's centre to as far ahead as it holds."""
+    return LineString([(robot.x, robot.y), out_of(HOLDS_WITHIN_M, 0.0, (robot.x, robot.y, robot.heading))])
 
 
 def _disc_beside(other: FloorEntity, kept_free: Sequence[XY], radius_m: float) -> tuple[XY, ...]:

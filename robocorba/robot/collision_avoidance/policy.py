@@ -22,6 +22,8 @@ class GivingWayPolicy:
     max_blockages: int = 8
     #: Time for which a blocked robot searches for a path around the other one [s]; then it takes the path of the map.
     max_search_s: float = 10.0
+    #: A robot that yields for a shorter time shows that it works, not that it waits [s].
+    wait_shown_s: float = 0.5
     #: Maximum numbers of robots and of objects in one path request.
     max_robots: int = 20
     max_objects: int = 30

@@ -13,6 +13,8 @@ from robocorba.planning.corba import paths
 from robocorba.robot import model_switcher
 from robocorba.robot.agent import ControlAgent
 from robocorba.robot.corba import robot_states
+from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.programs import program
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
@@ -52,10 +54,11 @@ class StopTargetServant(RoboCorba__POA.StopTarget):
 
 
 class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
-    """RoboCorba::RobotAgent. pool: the reference of its data pool. channel: the event channel of its sub-network."""
+    """RoboCorba::RobotAgent. pool, sensors: references of its data pool and its senses. channel: the event channel of
+    its sub-network."""
 
-    def __init__(self, agent: ControlAgent, pool: Any, channel: str, missions: Missions) -> None:
-        self._agent, self._pool, self._channel, self._missions = agent, pool, channel, missions
+    def __init__(self, agent: ControlAgent, pool: Any, sensors: Any, channel: str, missions: Missions) -> None:
+        self._agent, self._pool, self._sensors, self._channel, self._missions = agent, pool, sensors, channel, missions
 
     def _get_name(self) -> str:
         return self._agent.name
@@ -63,6 +66,10 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     @translating
     def _get_state(self) -> Any:
         return robot_states.agent_state(self._agent.state)
+
+    @translating
+    def _get_display(self) -> Any:
+        return robot_states.display(self._agent.display)
 
     def _get_pool(self) -> Any:
         return self._pool
@@ -79,6 +86,18 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
 
     def _get_mission(self) -> str:
         return self._missions.mission
+
+    def _get_sensors(self) -> Any:
+        return self._sensors if self._agent.senses else None
+
+    @translating
+    def _get_linkPoses(self) -> Any:
+        state = self._agent.state
+        actor, found = state.actor, {}
+        if len(actor.joints) == len(JOINTS):  # a body of its own, since they are not thread-safe
+            found = SmartPalBody().links_at((actor.x, actor.y, actor.heading), actor.joints)
+        links = [RoboCorba.LinkPose(name, *at, *turn[1:], turn[0]) for name, (at, turn) in found.items()]
+        return RoboCorba.RobotLinks(actor.time, state.at.floor, links)
 
     @translating
     def checkProgram(self, json: str) -> Any:

@@ -13,6 +13,7 @@ from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import Answer, translated
 from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor
 from robocorba.robot.corba import robot_states
+from robocorba.robot.corba.senses import CALL_TIMEOUT_S, RemoteSenses
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.stubs import RoboCorba
@@ -26,7 +27,8 @@ def adaptor(context: AdaptorContext) -> RobotAdaptor:
 
 class RemoteAdaptor(RobotAdaptor):
     """Client of the RoboCorba::RobotAdaptor at `--uri URI` in argv, by default of the one bound as
-    RoboCorba/Adaptors/NAME. The other arguments are passed to its `start`, which may take 30 s, other calls 0.3 s."""
+    RoboCorba/Adaptors/NAME. The other arguments are passed to its `start`, which may take 30 s, other calls 0.3 s.
+    It has senses if that is a RoboCorba::RobotSensors, too."""
 
     def __init__(self, orb: Orb, robot_name: str) -> None:
         self._orb, self._name = orb, robot_name
@@ -46,8 +48,11 @@ class RemoteAdaptor(RobotAdaptor):
             raise RobotLost(str(error)) from None
         uri = self._orb.uri(found)
         starter = self._orb.reference(uri, RoboCorba.RobotAdaptor, 30.0)
-        self._adaptor = self._orb.reference(uri, RoboCorba.RobotAdaptor, 0.3)
-        return bool(self._call(lambda: starter.start(rest)))
+        self._adaptor = self._orb.reference(uri, RoboCorba.RobotAdaptor, CALL_TIMEOUT_S)
+        is_new = bool(self._call(lambda: starter.start(rest)))
+        has_senses = self._call(lambda: self._adaptor._is_a(RoboCorba.RobotSensors._NP_RepositoryId))
+        self.senses = RemoteSenses(self._orb, uri) if has_senses else None
+        return is_new
 
     def stop(self) -> bool:
         return self._adaptor is not None and self._call(lambda: bool(self._adaptor.stop()))

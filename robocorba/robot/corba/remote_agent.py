@@ -6,13 +6,16 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+from omniORB import CORBA
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import Answer, translated
 from robocorba.robot.agent_state import AgentState, IconBegun
 from robocorba.robot.corba import robot_states
+from robocorba.robot.display import Display, display_of
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
@@ -46,6 +49,10 @@ class RemoteAgent:
 
     def state(self) -> AgentState:
         return robot_states.agent_state_of(self._call(self._agent._get_state))
+
+    def display(self) -> Display:
+        """What its touch panel shows."""
+        return self._call(lambda: shown_by(self._agent))
 
     def mission(self) -> str:
         """The mission that the robot leads or takes part in; empty for none."""
@@ -118,6 +125,15 @@ class RemoteAgent:
     def _call(self, call: Callable[[], Answer]) -> Answer:
         with translated(f"robot {self.name}"):
             return call()
+
+
+def shown_by(agent: Any) -> Display:
+    """What the touch panel of a robot shows, by its reference. One of 0.1.0 does not say what it waits for."""
+    try:
+        return robot_states.display_of(agent._get_display())
+    except (CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT):
+        state = robot_states.agent_state_of(agent._get_state())
+        return display_of(state.condition, state.reason, state.program)
 
 
 def robots(orb: Orb) -> list[str]:

@@ -50,11 +50,13 @@ Answer = TypeVar("Answer")
 
 
 class _References(NamedTuple):
-    """References to a session with CALL_TIMEOUT_S and with CHANGE_TIMEOUT_S, and to its assigned sensor."""
+    """References to a session with CALL_TIMEOUT_S and with CHANGE_TIMEOUT_S, and to its assigned sensor.
+    collisions_before: of earlier sessions, since the server counts those of each."""
 
     session: Any
     slow_session: Any
     sensor: Any
+    collisions_before: int = 0
 
 
 class RemoteSession:
@@ -103,7 +105,11 @@ class RemoteSession:
                     references.slow_session.deregister()
 
     def state(self) -> SessionState:
-        self._latest = found = robot_states.session_state_of(self._repeat(lambda to: to.session.state()))
+        def ask(to: _References) -> SessionState:
+            found = robot_states.session_state_of(to.session.state())
+            return found._replace(collisions=to.collisions_before + found.collisions)
+
+        self._latest = found = self._repeat(ask)
         return found
 
     def heartbeat(self) -> None:
@@ -257,8 +263,9 @@ class RemoteSession:
                 with contextlib.suppress(CORBA.Exception):  # else the robot's name is taken until the lease expires
                     slow_session.deregister()
                 raise
-            set_call_timeout(sensor, CHANGE_TIMEOUT_S)  # the first call may wait for the sensor server
-        self._references = _References(session, slow_session, sensor)
+            set_call_timeout(sensor, CALL_TIMEOUT_S)
+        collisions = self._latest.collisions if self._latest else 0
+        self._references = _References(session, slow_session, sensor, collisions)
 
     def _repeat(self, operation: Callable[[_References], Answer]) -> Answer:
         """The answer to a call that may be repeated; a virtual robot waits for a server that restarts or is held up,

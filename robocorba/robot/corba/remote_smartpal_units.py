@@ -11,17 +11,19 @@ from typing import Any, NoReturn
 import numpy as np
 from omniORB import CORBA
 
-from robocorba.errors.robots import AdaptorFailed, UnitFailed
-from robocorba.errors.services import NotReachable
+from robocorba.errors.robots import AdaptorFailed, RobotLost, UnitFailed
+from robocorba.errors.services import NotBound, NotReachable
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import Frame
 from robocorba.orb.calls import describe
 from robocorba.orb.orb import Orb
+from robocorba.robot.corba.senses import RemoteSenses
 from robocorba.robot.kinematics.smartpal import Side
 from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.robot.senses import Senses
 from robocorba.robot.smartpal_adaptor import SmartPalAdaptor
 from robocorba.robot.smartpal_stand_in.codes import AxesState, MobilityState, ReturnCode
-from robocorba.stubs import YeRTUnitMobility, _GlobalIDL
+from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 from robocorba.system.settings import Address
 
 #: Timeout of a call [s].
@@ -237,10 +239,27 @@ def adaptor(context: AdaptorContext) -> SmartPalAdaptor:
         at = context.session.latest.at
         return at.x, at.y, at.heading
 
-    return SmartPalAdaptor(units_at(context.orb), body_pose)
+    return SmartPalAdaptor(units_at(context.orb), body_pose, senses_at(context.orb))
 
 
 def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:
     """A function that resolves the units of the robot whose naming service listens at HOST:PORT; it raises
     InvalidSetting."""
     return lambda naming: RemoteSmartPalUnits(orb, Address.parse(naming, "--naming"))
+
+
+def senses_at(orb: Orb) -> Callable[[str], Senses | None]:
+    """A function that resolves what the robot whose naming service listens at HOST:PORT senses: `Sensors`, None if that
+    is not bound. It raises AdaptorFailed, RobotLost."""
+
+    def find(naming: str) -> Senses | None:
+        interface = RoboCorba.RobotSensors
+        try:
+            found = orb.resolve_in_other_naming_service(Address.parse(naming), "Sensors", interface, CALL_TIMEOUT_S)
+        except NotBound:
+            return None
+        except NotReachable as error:
+            raise RobotLost(str(error)) from None
+        return RemoteSenses(orb, orb.uri(found), is_clock_ours=True)
+
+    return find

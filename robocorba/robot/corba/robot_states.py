@@ -13,6 +13,7 @@ from robocorba.orb.exceptions import register, register_with
 from robocorba.orb.structs import Converter, enumeration, struct_converter
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
 from robocorba.robot.data_pool.plans import Plan
+from robocorba.robot.display import Display, DisplayKind
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.session import SessionState
@@ -91,6 +92,9 @@ _AGENT_STATE = struct_converter(
 )
 
 
+_DISPLAY = struct_converter(Display, RoboCorba.AgentDisplay, kind=enumeration(DisplayKind, "DISPLAY_"))
+
+
 def agent_state(state: AgentState) -> Any:
     return _AGENT_STATE.to_idl(state)
 
@@ -98,6 +102,15 @@ def agent_state(state: AgentState) -> Any:
 def agent_state_of(struct: Any) -> AgentState:
     state: AgentState = _AGENT_STATE.from_idl(struct)
     return state
+
+
+def display(shown: Display) -> Any:
+    return _DISPLAY.to_idl(shown)
+
+
+def display_of(struct: Any) -> Display:
+    shown: Display = _DISPLAY.from_idl(struct)
+    return shown
 
 
 def program_check(report: CheckReport) -> Any:

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
-from robocorba.robot.kinematics.mujoco_headless import mujoco
+from robocorba.robot.kinematics.model import links
+from robocorba.robot.kinematics.pose import rotation_of
 from robocorba.robot.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
 from robocorba.system.kernels import inner_kernel, kernel
 
@@ -35,19 +36,20 @@ class Chains(NamedTuple):
     attitudes: Floats
 
 
-def chains_of(model: mujoco.MjModel) -> Chains:
-    """The chains of a model of `model.specification`."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    hands = [data.site(f"{side.value}_hand") for side in Side]
+def chains() -> Chains:
+    """The chains of SmartPal."""
+    anchors, axes = np.zeros((2, len(JOINTS), 3))
+    origins = {"": np.zeros(3)}
+    hands: dict[str, tuple[Floats, Floats]] = {}
+    for link in links():
+        origin = origins[link.name] = origins[link.parent] + link.at
+        for joint in link.joints:
+            anchors[joint.number], axes[joint.number] = origin + joint.at, joint.axis
+        hands |= {mount.name: (origin + mount.at, rotation_of(mount.attitude)) for mount in link.mounts}
     rows = np.arange(len(JOINTS))
-    return Chains(
-        np.array([[*rows[LUMBAR], *rows[ARM[side]]] for side in Side]),
-        np.array([data.joint(name).xanchor for name in JOINTS]),
-        np.array([data.joint(name).xaxis for name in JOINTS]),
-        np.array([hand.xpos for hand in hands]),
-        np.array([hand.xmat.reshape(3, 3) for hand in hands]),
-    )
+    order = np.array([[*rows[LUMBAR], *rows[ARM[side]]] for side in Side])
+    positions, attitudes = zip(*(hands[f"{side.value}_hand"] for side in Side), strict=True)
+    return Chains(order, anchors, axes, np.array(positions), np.array(attitudes))
 
 
 @kernel

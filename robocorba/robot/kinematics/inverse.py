@@ -15,7 +15,7 @@ import numpy as np
 from robocorba.errors.robots import Unreachable
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.chain import ROTATION_WEIGHT_M, TOLERANCE_M, chains_of, solve_pose
+from robocorba.robot.kinematics.chain import ROTATION_WEIGHT_M, TOLERANCE_M, chains, solve_pose
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import ARM, JOINT_LOWER, JOINT_UPPER, JOINTS, LUMBAR, Side
 
@@ -30,7 +30,7 @@ class InverseKinematics:
 
     def __init__(self, body: SmartPalBody | None = None) -> None:
         self.body = body or SmartPalBody()
-        self._chains = chains_of(self.body.model)
+        self._chains = chains()
         self._comfort = np.zeros(len(JOINTS))
         for side in Side:
             self._comfort[ARM[side]] = COMFORTABLE_ARM

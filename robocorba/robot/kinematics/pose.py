@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -66,3 +67,15 @@ class HandPose(NamedTuple):
     def mirrored(self) -> HandPose:
         """The pose of the other hand in a posture that mirrors this one."""
         return HandPose(self.x, -self.y, self.z, -self.roll, self.pitch, -self.yaw)
+
+
+def rotation_of(attitude: Sequence[float]) -> Floats:
+    """The rotation matrix (3, 3) of a unit quaternion w, x, y, z."""
+    w, x, y, z = attitude
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -16,9 +16,7 @@ import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.appearance import PAINTS, Part, Shape, Vector, parts
-from robocorba.robot.kinematics.link_tree import Link, LinkJoint, links
-from robocorba.robot.kinematics.model import specification
-from robocorba.robot.kinematics.mujoco_headless import mujoco
+from robocorba.robot.kinematics.model import Link, LinkJoint, Solid, links
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_SPEED
 
@@ -34,14 +32,13 @@ def urdf() -> str:
     SubElement(extension, "compiler", discardvisual="false", fusestatic="false", strippath="false")
     for name, colour in PAINTS.items():
         SubElement(SubElement(robot, "material", name=name), "color", rgba=_numbers((*colour, 1.0)))
-    model = specification().compile()
     by_link: dict[str, list[Part]] = {}
     for part in parts():
         by_link.setdefault(part.link, []).append(part)
     for link in links():
         if link.parent:
             robot.extend(_chain(link))
-        robot.append(_link(link, by_link.get(link.name, ()), model))
+        robot.append(_link(link, by_link.get(link.name, ())))
     ElementTree.indent(robot)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ElementTree.tostring(robot, "unicode") + "\n"
 
@@ -85,21 +82,33 @@ def _revolute(of: LinkJoint, parent: str, child: str, at: Iterable[float]) -> El
     return joint
 
 
-def _link(link: Link, looks: Sequence[Part], model: mujoco.MjModel) -> Element:
+def _link(link: Link, looks: Sequence[Part]) -> Element:
     element = Element("link", name=link.name)
-    body = model.body(link.name)
     between = len(link.joints) - (not any(link.joints[-1].at)) if link.joints else 0
-    rotation = _rotation(body.iquat)
-    inertia = rotation @ np.diag(body.inertia) @ rotation.T
-    element.append(_inertial(float(body.mass[0]) - between * _JOINT_MASS_KG, body.ipos, inertia))
+    mass_kg = sum(solid.mass_kg for solid in link.solids)
+    middle = sum((solid.mass_kg * np.array(solid.at) for solid in link.solids), np.zeros(3)) / mass_kg
+    inertia = sum((_inertia(solid, middle) for solid in link.solids), np.zeros((3, 3)))
+    element.append(_inertial(mass_kg - between * _JOINT_MASS_KG, middle, inertia))
     for part in looks:
         for shape, at in _shapes(part):
             visual = _placed("visual", at, part.rpy, shape)
             SubElement(visual, "material", name=part.paint)
             element.append(visual)
-    for geom in np.flatnonzero(model.geom_bodyid == body.id):
-        element.extend(_collisions(model, int(geom)))
+    for solid in link.solids:
+        element.extend(_collisions(solid))
     return element
+
+
+def _inertia(solid: Solid, about: Floats) -> Floats:
+    """The inertia (3, 3) of a solid about a point [kg m^2]."""
+    x, y, z = np.square(solid.half) / 3
+    own, radius, half = np.array([y + z, x + z, x + y]), solid.radius_m, solid.half[2]
+    if radius:  # a cylinder, and a ball cut into two ends
+        ball = 2 * radius / (2 * radius + 3 * half)
+        across = (1 - ball) * (radius**2 / 4 + half**2 / 3) + ball * (0.4 * radius**2 + half**2 + 0.75 * half * radius)
+        own = np.array([across, across, (1 - ball) * radius**2 / 2 + ball * 0.4 * radius**2])
+    away = solid.at - about
+    return np.asarray(solid.mass_kg * (np.diag(own + away @ away) - np.outer(away, away)))
 
 
 def _inertial(mass_kg: float, at: Floats, inertia: Floats) -> Element:
@@ -136,20 +145,18 @@ def _slices(part: Part) -> Iterator[tuple[float, float, float]]:
         yield height * index / count - half, height * (index + 1) / count - half, share * math.sqrt(x * y)
 
 
-def _collisions(model: mujoco.MjModel, geom: int) -> Iterator[Element]:
-    """A shape of the model; a capsule is a cylinder with a sphere at each end."""
-    kind, size, at = model.geom_type[geom], model.geom_size[geom], model.geom_pos[geom]
-    rotation = _rotation(model.geom_quat[geom])
-    rpy = HandPose.of(np.zeros(3), rotation)[3:]
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
-        yield _placed("collision", at, rpy, Element("box", size=_numbers(2 * size)))
+def _collisions(solid: Solid) -> Iterator[Element]:
+    """A capsule is a cylinder with a sphere at each end."""
+    upright, half = (0.0, 0.0, 0.0), solid.half[2]
+    if not solid.radius_m:
+        yield _placed("collision", solid.at, upright, Element("box", size=_numbers(2 * side for side in solid.half)))
         return
-    half = float(size[1]) if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
     if half:
-        cylinder = Element("cylinder", radius=_number(size[0]), length=_number(2 * half))
-        yield _placed("collision", at, rpy, cylinder)
+        cylinder = Element("cylinder", radius=_number(solid.radius_m), length=_number(2 * half))
+        yield _placed("collision", solid.at, upright, cylinder)
+    x, y, z = solid.at
     for end in (-half, half) if half else (0.0,):
-        yield _placed("collision", at + rotation[:, 2] * end, rpy, Element("sphere", radius=_number(size[0])))
+        yield _placed("collision", (x, y, z + end), upright, Element("sphere", radius=_number(solid.radius_m)))
 
 
 def _placed(kind: str, at: Iterable[float], rpy: Iterable[float], shape: Element) -> Element:
@@ -157,13 +164,6 @@ def _placed(kind: str, at: Iterable[float], rpy: Iterable[float], shape: Element
     SubElement(element, "origin", xyz=_numbers(at), rpy=_numbers(rpy))
     SubElement(element, "geometry").append(shape)
     return element
-
-
-def _rotation(quaternion: Floats) -> Floats:
-    """The rotation matrix (3, 3) of a quaternion w, x, y, z."""
-    matrix = np.zeros(9)
-    mujoco.mju_quat2Mat(matrix, quaternion)
-    return matrix.reshape(3, 3)
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -12,11 +12,12 @@ class MotionCommand(NamedTuple):
     """What a motion commands in one control cycle.
 
     velocity: of the base, ahead and to the left [m/s], turn [rad/s]. joints (n,) [rad] and joint_velocities (n,)
-    [rad/s]; None keeps the joints' last targets."""
+    [rad/s]; None keeps the joints' last targets. awaited: what the motion waits for; empty if it gets on."""
 
     velocity: Velocity = ZERO_VELOCITY
     joints: Floats | None = None
     joint_velocities: Floats | None = None
+    awaited: str = ""
 
 
 class Motion(Protocol):

@@ -6,7 +6,8 @@ interpretation). After a branch only what is equal in both alternatives is known
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple, get_args
 
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.planning.request import Place
@@ -27,6 +28,7 @@ from robocorba.robot.programs.icons import (
     Repeat,
     Result,
     Say,
+    Sensor,
     StopIfCloser,
     Wait,
     WaitUntil,
@@ -48,13 +50,16 @@ FOLLOWED = BaseIcon | HandIcon | CooperativeIcon | Wait | WaitUntil | Say
 class Start(NamedTuple):
     """What is known of the robot at the start. heading: [rad]. joints (18,): [rad]; None if it is upright
     with both arms in the posture `home`. obstacles: the movable objects where they stand now, as far as they are known;
-    the others are where the map has them. robots: other robots that stand still; a target there is noted."""
+    the others are where the map has them. robots: other robots that stand still; a target there is noted. adaptor:
+    behind which the robot is. ranges_m: what it senses, as `senses.program_ranges_m`."""
 
     place: Place | None = None
     heading: float | None = None
     joints: Floats | None = None
     obstacles: TemporaryObstacles = NO_OBSTACLES
     robots: TemporaryObstacles = NO_OBSTACLES
+    adaptor: str = ""
+    ranges_m: Mapping[str, float] = dict(zip(get_args(Sensor), map(range_m, get_args(Sensor)), strict=True))
 
 
 UNKNOWN_START = Start()
@@ -79,6 +84,7 @@ def check(
         report.add_note("", "no map: the base is not checked")
     for path, icon in icons_with_paths(program):
         _check_alone(path, icon, report)
+    check_sensors(program, report, start.adaptor, start.ranges_m)
     _Interpreter(report, kinematics, planner, start).run(program, start)
     return report
 
@@ -101,15 +107,22 @@ def _check_alone(path: str, icon: Icon, report: CheckReport) -> None:
         for name, value in (("force", icon.force), ("object", icon.object)):
             if value is not None:
                 report.add_finding(path, name, "only valid with the action close")
-    if isinstance(icon, StopIfCloser):
-        _check_distance(path, "distance", icon.sensor, icon.distance, report)
-    if isinstance(icon, WaitUntil | Branch) and isinstance(icon.condition, CloserThan | FartherThan):
-        _check_distance(path, "condition.distance", icon.condition.sensor, icon.condition.distance, report)
 
 
-def _check_distance(path: str, parameter: str, sensor: str, distance: float, report: CheckReport) -> None:
-    if distance > range_m(sensor):
-        report.add_finding(path, parameter, f"{distance:g} m is beyond the range of {sensor}, {range_m(sensor):g} m")
+def check_sensors(program: Program, report: CheckReport, adaptor: str, ranges_m: Mapping[str, float]) -> None:
+    """Report what a program senses and the robot does not. adaptor, ranges_m: as of a `Start`."""
+    for path, icon in icons_with_paths(program):
+        where = "condition." if isinstance(icon, WaitUntil | Branch) else ""
+        sensing = icon.condition if isinstance(icon, WaitUntil | Branch) else icon
+        if not isinstance(sensing, StopIfCloser | CloserThan | FartherThan):
+            continue
+        sensor, distance = sensing.sensor, sensing.distance
+        if sensor not in ranges_m:
+            has = ", ".join(ranges_m) or "no sensors"
+            report.add_finding(path, f"{where}sensor", f"the adaptor {adaptor} has no sensor {sensor}; it has {has}")
+        elif distance > ranges_m[sensor]:
+            reason = f"{distance:g} m is beyond the range of {sensor}, {ranges_m[sensor]:g} m"
+            report.add_finding(path, f"{where}distance", reason)
 
 
 # ---- sequences of icons ----

@@ -14,7 +14,7 @@ from robocorba.robot.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, Side
 from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.programs.icons import Gripper, Lumbar, MhandJoints, MhandOffset, MhandPose, MhandPosture, sides
 
-if TYPE_CHECKING:  # with MuJoCo, which programs that are not checked do without
+if TYPE_CHECKING:  # with kernels, which programs that are not checked do without
     from robocorba.robot.kinematics.inverse import InverseKinematics
 
 #: The icons that move arms and lumbar, and with the grippers all that move joints.

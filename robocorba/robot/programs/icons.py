@@ -317,7 +317,8 @@ class Wait(MovementIcon, frozen=True):
     seconds: Seconds
 
     def perform(self, robot: Any) -> None:
-        robot.wait(self.seconds)
+        with robot.execution.awaiting(lambda: f"{self.seconds:g} s"):
+            robot.wait(self.seconds)
 
 
 class Repeat(_Icon, frozen=True):
@@ -357,11 +358,13 @@ class CooperativeIcon(_Icon, frozen=True):
 
 
 class MoveTable(CooperativeIcon, frozen=True):
-    """Carry a table together with other robots: the mission layer makes the icons of each of them."""
+    """Carry a table together with other robots: the mission layer makes the icons of each of them. Without `carriers`
+    its mass decides."""
 
     table: Text
     to: Destination
     recovery_timeout: RecoveryTimeout | None = None
+    carriers: Annotated[int, Meta(ge=2, le=6)] | None = None
 
     @property
     def moved(self) -> str:

@@ -13,8 +13,7 @@ import numpy as np
 
 from robocorba.errors.robots import Unreachable
 from robocorba.map_editor.spatial.arrays import Floats
-from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.chain import chains_of, locate
+from robocorba.robot.kinematics.chain import chains, locate
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.kinematics.model import SHOULDER_M
 from robocorba.robot.kinematics.pose import HandPose
@@ -31,8 +30,7 @@ class ArmKinematics:
 
     def __init__(self, side: Side) -> None:
         self._side, self._hand = side, tuple(Side).index(side)
-        body = SmartPalBody()
-        self._inverse, self._chains = InverseKinematics(body), chains_of(body.model)
+        self._inverse, self._chains = InverseKinematics(), chains()
         self._outwards = 1.0 if side is Side.LEFT else -1.0
         self._shoulder = np.array([SHOULDER_M[0], self._outwards * SHOULDER_M[1], SHOULDER_M[2]])
         self._lock = threading.Lock()

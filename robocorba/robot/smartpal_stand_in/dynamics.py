@@ -5,13 +5,13 @@ Servo and wheel lag, servo bandwidth and encoder noise are assumed."""
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats
-from robocorba.robot.kinematics.model import specification
-from robocorba.robot.kinematics.mujoco_headless import mujoco
+from robocorba.robot.kinematics.mujoco_headless import mujoco, specification
 from robocorba.robot.kinematics.smartpal import ARM, JOINTS, MASS_KG, Side
 
 #: Time step of the simulation [s].
@@ -60,6 +60,8 @@ class Dynamics:
         self._lead_s = -self._model.actuator_biasprm[self._servos, 2] / self._model.actuator_gainprm[self._servos, 0]
         self._normal_damping = self._model.dof_damping[self._velocities]
         self.base_velocity = np.zeros(len(BASE_AXES))
+        #: The velocity of the base that what it touches allows.
+        self.allowed: Callable[[DynamicsState, Floats], Floats] = lambda state, velocity: velocity
         self.joints, self.joint_velocities = np.zeros(len(JOINTS)), np.zeros(len(JOINTS))
         self._filtered = np.zeros(len(JOINTS))
         mujoco.mj_forward(self._model, self._data)
@@ -78,7 +80,7 @@ class Dynamics:
         setpoints = self.joints + self._lead_s * self.joint_velocities
         self._filtered += STEP_S / (SERVO_LAG_S + STEP_S) * (setpoints - self._filtered)
         self._data.ctrl[self._servos] = self._filtered
-        self._data.ctrl[self._wheels] = self.base_velocity
+        self._data.ctrl[self._wheels] = self.allowed(self.state, self.base_velocity)
         mujoco.mj_step(self._model, self._data)
         self.state = self._measure()
 

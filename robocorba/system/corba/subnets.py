@@ -5,12 +5,16 @@ from __future__ import annotations
 import contextlib
 import logging
 from collections.abc import Sequence
+from pathlib import Path
 
 from omniORB import CORBA
 
 from robocorba.errors.events import InvalidPeer
+from robocorba.errors.maps import MapFileError
 from robocorba.errors.services import NotReachable
 from robocorba.events.federation import MAX_CHANNELS, check_name
+from robocorba.map_editor.model import Area
+from robocorba.map_editor.store import stored_areas
 from robocorba.orb.calls import describe
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
@@ -34,6 +38,35 @@ def parse_subnets(text: str, setting: str = "--subnets") -> tuple[str, ...]:
     if len(names) > MAX_CHANNELS:
         raise InvalidSetting(setting, text, f"{len(names)} channels; a federation has at most {MAX_CHANNELS}")
     return names
+
+
+def default_subnets(folder: StateFolder, building: Path | None) -> tuple[str, ...]:
+    """Those of a map file, without one of the stored map, that can be names of channels; `main` if there are none."""
+    found = [name for name in subnets_of_map(folder, building) if _is_name(name)]
+    return tuple(found[:MAX_CHANNELS]) or ("main",)
+
+
+def subnets_of_map(folder: StateFolder, building: Path | None) -> tuple[str, ...]:
+    """The sub-networks that areas of a map file, without one of the stored map, name; none if it can't be read: then
+    the map editor says why."""
+    store = folder.path / "map.sqlite"
+    areas: list[Area] = []
+    with contextlib.suppress(MapFileError, OSError):
+        if building is None:
+            areas = stored_areas(store) if store.exists() else []
+        elif b"subnet" in building.read_bytes():  # else there is no need to read a large map twice
+            from robocorba.map_editor import native  # takes 0.2 s to load
+
+            floors = native.load(building).floors.values()
+            areas = [area for floor in floors for area in floor.geometrical.areas.values()]
+    return tuple(dict.fromkeys(area.subnet for area in areas if area.subnet))
+
+
+def _is_name(subnet: str) -> bool:
+    with contextlib.suppress(InvalidPeer):
+        check_name(subnet)
+        return True
+    return False
 
 
 def remove_former_links(folder: StateFolder, subnets: Sequence[str], orb: Orb) -> None:

@@ -21,8 +21,8 @@ from robocorba.system.supervision.starter import Starter
 
 
 class Row(NamedTuple):
-    """A robot as it is shown. doing: such as starting, idle, running or ended. task: its present or last program or
-    mission. note: how the task ended, or why the robot is stopped or has ended."""
+    """A robot as it is shown. doing: queued or starting; working, waiting or exceptional; or ended. task: its present
+    or last program or mission. note: what its touch panel shows and how the task ended, or why the robot has ended."""
 
     name: str
     floor: str
@@ -148,9 +148,8 @@ def row_of(order: RobotOrder, process: Supervised, lines: ProgressLines, floor: 
     floor = floor or order.floor
     if process.state != "running":
         problem = process.problem.removeprefix(f"{order.process} ")
-        return Row(order.name, floor, process.state, "", process.restarts, problem)
+        doing = "queued" if process.state == "waiting" else process.state
+        return Row(order.name, floor, doing, "", process.restarts, problem)
     progress = lines.progress
-    note = progress.reason if progress.condition == "stopped" or not progress.result else progress.result
-    if progress.result and progress.reason and note == progress.result:
-        note += f": {progress.reason}"
-    return Row(order.name, floor, progress.condition, progress.task, process.restarts, note)
+    note = "; ".join(filter(None, (progress.text, progress.result)))
+    return Row(order.name, floor, progress.kind, progress.task, process.restarts, note)

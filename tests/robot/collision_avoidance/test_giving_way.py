@@ -38,6 +38,7 @@ class Base:
     def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
         self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
         self.seen: list[OtherRobot] = []
+        self.awaited: set[str] = set()
         self.neighbours: list[Base] = []
         self.look()
 
@@ -88,6 +89,7 @@ def drive(bases: list[Base], motions: list[GiveWay], limit_s: float = 60.0) -> t
                 try:
                     command = motion.command(base.state, base.state.time)
                     velocity = command.velocity if command else velocity
+                    base.awaited |= {command.awaited} if command else set()
                     ends[number] = "" if command else "there"
                 except MotionFailed as failed:
                     ends[number] = str(failed)
@@ -135,6 +137,7 @@ def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> 
     speeds = [[math.hypot(one.vx, one.vy) for one in base.seen if abs(one.x) < 2 and abs(one.y) < 2] for base in bases]
     assert min(speeds[0]) > 0.39
     assert min(speeds[1]) < 0.2
+    assert bases[0].awaited == {""}
 
 
 def test_head_on_both_stop_and_name_the_other() -> None:
@@ -147,6 +150,7 @@ def test_head_on_both_stop_and_name_the_other() -> None:
     assert NEAR_MARGIN_M - 0.005 < nearest_m < MARGIN_M + 0.02
     assert ends[0].endswith("b is in the way")
     assert ends[1].endswith("a is in the way")
+    assert [base.awaited for base in bases] == [{"", f"a free way: {other} is in the way"} for other in "ba"]
 
 
 def test_places_side_by_side_can_be_reached() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import pytest
 from shapely import Point, Polygon
 
@@ -88,3 +90,21 @@ def test_positions_are_extrapolated_and_robots_are_no_obstacles_on_the_map() -> 
     with pytest.raises(NotReachable, match="lags"):
         nearby.others(7.0, 1.0)
     assert nearby.clearance_m(7.0, 2.0) == pytest.approx(2.0)  # to the bounds of the floor, not to B
+
+
+def test_what_a_robot_carries_is_the_object_and_those_who_hold_it_too() -> None:
+    place = Place()
+    place.world.refresh()
+    # The table, 1.0 x 0.6 m at (2, 2), between A and B; C stands by with its back to it.
+    for who, x, y, heading in (("A", 2.0, 1.0, 0.5), ("B", 2.0, 3.0, -0.5), ("C", 0.9, 2.0, 1.0)):
+        place.world.add(robot(who, x=x, y=y, heading=heading * math.pi))
+    place.run(0.1)
+    pool = place.pool(own_name="A")
+    pool.follow()
+    nearby = Nearby(pool, "A")
+    carried = nearby.carried("T1")
+    assert carried is not None
+    table, other, by_itself = Point(1.0, 0.0), Point(2.3, 0.0), Point(1.0, 1.1)
+    assert [carried.contains(point) for point in (table, other, by_itself)] == [True, True, False]
+    assert not carried.contains(Point(0.4, 0.0))
+    assert nearby.carried("") is nearby.carried("nothing") is None

@@ -12,8 +12,15 @@ import pytest
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.appearance import PAINTS, Part, Shape, parts
 from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.link_tree import as_json, links
-from robocorba.robot.kinematics.model import BASE_BACK_M, BASE_FRONT_M, BASE_HALF_WIDTH_M, LASER_M, PROXIMITY_HEIGHT_M
+from robocorba.robot.kinematics.link_tree import as_json
+from robocorba.robot.kinematics.model import (
+    BASE_BACK_M,
+    BASE_FRONT_M,
+    BASE_HALF_WIDTH_M,
+    LASER_M,
+    PROXIMITY_HEIGHT_M,
+    links,
+)
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import HEIGHT_M, JOINTS, Side
 

@@ -14,11 +14,11 @@ from typer.testing import CliRunner
 from robocorba.commands import command
 from robocorba.robot.kinematics.appearance import PAINTS
 from robocorba.robot.kinematics.body import SmartPalBody
-from robocorba.robot.kinematics.model import specification
+from robocorba.robot.kinematics.mujoco_headless import specification
 from robocorba.robot.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
 from robocorba.robot.kinematics.urdf import urdf
 
-from .postures import anywhere
+from .postures import anywhere, links_by_urdf
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +91,20 @@ def test_it_moves_by_its_dynamics_without_a_warning(model: mujoco.MjModel) -> No
     assert not any(warning.number for warning in data.warning)
 
 
+def test_links_collide_as_those_of_mujoco(body: SmartPalBody, model: mujoco.MjModel) -> None:
+    data, rows = mujoco.MjData(model), [model.joint(name).qposadr[0] for name in JOINTS]
+    owner = [model.body(number).name for number in model.geom_bodyid]
+    counts = []
+    for joints in anywhere(1000, 8):
+        data.qpos[rows] = joints
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_collision(model, data)
+        deep = {tuple(owner[geom] for geom in contact.geom) for contact in data.contact if contact.dist < -1e-4}
+        assert set(body.collisions(joints)) == deep
+        counts.append(len(deep))
+    assert sum(map(bool, counts)) > 100
+
+
 # ---- the URDF ----
 
 
@@ -107,6 +121,18 @@ def test_links_are_where_the_model_has_them(body: SmartPalBody, of_urdf: mujoco.
             assert found.xpos == pytest.approx(position, abs=1e-9), name
             assert abs(found.xquat @ attitude) == pytest.approx(1.0, abs=1e-9), name
             assert found.xquat * np.sign(found.xquat @ attitude) == pytest.approx(attitude, abs=1e-9), name
+
+
+@pytest.mark.parametrize("base", [(0.0, 0.0, 0.0), (3.0, -2.0, 2.5), (-1.0, 4.0, -math.pi)])
+def test_links_are_in_the_frame_of_the_building(body: SmartPalBody, base: tuple[float, float, float]) -> None:
+    for joints in anywhere(20, 8):
+        found = body.links_at(base, joints)
+        assert next(iter(found)) == "base" and found["base"][0] == pytest.approx([*base[:2], 0.0])
+        expected = links_by_urdf(base, joints)
+        assert {*expected, "base"} == found.keys()
+        for name, (position, attitude) in expected.items():
+            assert found[name][0] == pytest.approx(position, abs=1e-9), name
+            assert abs(found[name][1] @ attitude) == pytest.approx(1.0, abs=1e-9), name
 
 
 def test_its_mass_and_its_looks_are_the_robots() -> None:

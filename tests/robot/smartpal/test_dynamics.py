@@ -12,11 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from robocorba.map_editor.samples import sample_path
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.smartpal import ARM, MASS_KG, Side
 from robocorba.robot.smartpal_stand_in.dynamics import BASE_AXES, JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
 from robocorba.robot.smartpal_stand_in.robot import SmartPal
 from robocorba.robot.smartpal_stand_in.setpoint import Setpoint
+from robocorba.servers.smartpal import world_of
 from robocorba.system.repeating import Repeating
 from robocorba.system.settings import InvalidSetting, SmartPalSettings
 from testkit.processes import eventually
@@ -142,6 +144,15 @@ def test_settings(tmp_path: Path) -> None:
     assert (usual.restores_servo, usual.unlocks_by_power, usual.limit_slack) == (True, True, 1e-7)
     strict = SmartPalSettings.read([*COMMON, "--servo-after-fault", "off", "--unlock", "unlock", "--limit-slack", "0"])
     assert (strict.restores_servo, strict.unlocks_by_power, strict.limit_slack) == (False, False, 0.0)
-    for wrong in (["--seed", "-1"], ["--limit-slack", "1"], ["--x", "nan"], ["--heading", "inf"]):
+    assert world_of(read) is None and read.world_at == read.start
+    of_world = ["--world", str(sample_path("paper-scene")), "--world-at", "-1", "2.5", "0", "--range-lost", "0.1"]
+    sensing = SmartPalSettings.read([*given, *of_world])
+    assert (sensing.world_at, sensing.range_noise_m, sensing.range_lost) == ((-1.0, 2.5, 0.0), 0.0, 0.1)
+    world = world_of(sensing)
+    assert world and world.sensor("laser").spec.noise.lost == 0.1
+    with pytest.raises(InvalidSetting, match=r"--world-floor.*has the floors L1"):
+        world_of(SmartPalSettings.read([*given, *of_world, "--world-floor", "L9"]))
+    wrong_ones = (["--seed", "-1"], ["--limit-slack", "1"], ["--x", "nan"], ["--heading", "inf"])
+    for wrong in (*wrong_ones, ["--range-lost", "2"], ["--range-noise", "nan"], ["--world-at", "0", "nan", "0"]):
         with pytest.raises(InvalidSetting, match=wrong[0]):
             SmartPalSettings.read([*COMMON, *wrong])
