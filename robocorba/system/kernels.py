@@ -29,6 +29,23 @@ config._config_fname = os.devnull
 config.reload_config()
 
 
+def _load_numba() -> None:
+    """Load numba's functions for arrays without scipy.linalg, which takes each process a fifth of a second of a core.
+
+    numba imports it to see whether there is a BLAS, which no kernel of ours needs. Those of others that use it still
+    load it."""
+    from numba.np import linalg
+
+    ask, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        import numba.np.arraymath  # noqa: F401
+    finally:
+        linalg.ensure_blas = ask
+
+
+_load_numba()
+
+
 class KernelCache(FunctionCache):
     """The compiled signatures of a function. A damaged file or a full disk costs a compilation.
 
