@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import gc
+import itertools
 import os
 import signal
 from collections.abc import Iterator
@@ -74,5 +75,5 @@ def patient_planners() -> Iterator[None]:
 def kernels(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Compile once what servers and robots use, and load it, before any test's clock runs."""
     assert compile_kernels(lambda progress: None, tmp_path_factory.mktemp("compilation"))
-    for load in STEPS.values():
+    for load in itertools.chain(*STEPS):
         load()

@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rich.progress import BarColumn, Progress, TaskID, TextColumn
+from rich.progress import BarColumn, TextColumn
+from rich.progress import Progress as ProgressBar
 
 from robocorba.system.kernel_store import store
 from robocorba.system.printing import Console
-from robocorba.system.supervision.compilation import CompilationProgress, compile_kernels
+from robocorba.system.supervision.compilation import Progress, compile_kernels
 
 TITLE = "compiling kernels, once on this machine"
 #: Interval between lines where there is no terminal [s].
@@ -26,16 +27,9 @@ def compile_with_progress(logs: Path) -> None:
         compile_kernels(Lines(lambda line: console.print(line, soft_wrap=True)).report, logs)
         return
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}")
-    with Progress(*columns, console=console, transient=True) as bar:
-        task: TaskID | None = None
-
-        def report(progress: CompilationProgress) -> None:
-            nonlocal task
-            if task is None:
-                task = bar.add_task(TITLE, total=1.0, text="")
-            bar.update(task, completed=progress.share, text=text_of(progress))
-
-        compile_kernels(report, logs)
+    with ProgressBar(*columns, console=console, transient=True) as bar:
+        task = bar.add_task(TITLE, total=1.0, text="")
+        compile_kernels(lambda progress: bar.update(task, completed=progress.share, text=str(progress)), logs)
 
 
 class Lines:
@@ -45,14 +39,7 @@ class Lines:
         self._write, self._clock = write, clock
         self._next_at = -float("inf")
 
-    def report(self, progress: CompilationProgress) -> None:
+    def report(self, progress: Progress) -> None:
         if self._clock() >= self._next_at:
             self._next_at = self._clock() + LINE_INTERVAL_S
-            self._write(f"{TITLE}: {text_of(progress)}")
-
-
-def text_of(progress: CompilationProgress) -> str:
-    """Such as "45 of 136, about 20 s left"."""
-    text = f"{progress.done} of {progress.of}"
-    left = progress.seconds_left
-    return text if left is None else f"{text}, about {max(left, 1.0):.0f} s left"
+            self._write(f"{TITLE}: {progress}")

@@ -128,27 +128,26 @@ def _progress(search: FailedSearch) -> tuple[float, list[XY], int]:
 
 def _cell(lattice: Lattice, point: XY) -> tuple[int, int]:
     """Row and column of the lattice point nearest to a point."""
-    x0, y0, _, step, _, _, _ = lattice.frame.tolist()
-    return round((point[1] - y0) / step), round((point[0] - x0) / step)
+    return round((point[1] - lattice.y) / lattice.step), round((point[0] - lattice.x) / lattice.step)
 
 
 def _downhill(lattice: Lattice, to_goal_m: Floats, start: XY) -> list[XY]:
     """The path from a point to where `to_goal_m` is 0; empty if there is none."""
-    x0, y0, _, step, columns, rows, _ = lattice.frame.tolist()
+    rows, columns = lattice.open_m.shape
     row, column = _cell(lattice, start)
     path: list[XY] = []
     here_m = math.inf
     while here_m > 0.0:
         around = (
             (float(to_goal_m[r, c]), c, r)
-            for r in range(max(row - 1, 0), min(row + 2, int(rows)))
-            for c in range(max(column - 1, 0), min(column + 2, int(columns)))
+            for r in range(max(row - 1, 0), min(row + 2, rows))
+            for c in range(max(column - 1, 0), min(column + 2, columns))
         )
         lower_m, column, row = min(around, default=(math.inf, 0, 0))
         if not lower_m < here_m:
             return []
         here_m = lower_m
-        path.append((x0 + column * step, y0 + row * step))
+        path.append((lattice.x + column * lattice.step, lattice.y + row * lattice.step))
     return path
 
 

@@ -104,7 +104,7 @@ def _place_aside(floor: FloorObstacles, area: BaseGeometry, robot: StandingRobot
     box = max(x0, robot.x - range_m), max(y0, robot.y - range_m), min(x1, robot.x + range_m), min(y1, robot.y + range_m)
     here = np.array([robot.x, robot.y, 0.0])
     lattice = lay_lattice(floor.grid, box, here, robot.radius_m + ASIDE_GAP_M + 0.1)
-    low_x, low_y, _, step = lattice.frame[:4].tolist()
+    low_x, low_y, step = lattice.x, lattice.y, lattice.step
     row, column = round((robot.y - low_y) / step), round((robot.x - low_x) / step)
     # The gap to obstacles on the path is 2 cm, less where the robot stands nearer.
     passing_m = min(robot.radius_m + 0.02, float(lattice.open_m[row, column]) - 1e-6)

@@ -2,13 +2,16 @@
 
 The goal is a pose of the lattice; the start is connected to the poses around it. The motion between two neighbours
 is tested only when the search takes it: it never takes most of them.
+
+Sources: A* with a weighted heuristic (Pohl 1970), which is the distance of a disc on the grid of points; motions tested
+late as in Lazy PRM (Bohlin and Kavraki 2000); random shortcuts (Geraerts and Overmars 2007).
 """
 
 from __future__ import annotations
 
 import heapq
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +19,10 @@ from numpy.typing import NDArray
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.grids import Grid
 from robocorba.planning.body import CapsuleBody, body_clearance, body_passes
-from robocorba.planning.space import nearest_segment
-from robocorba.system.kernels import kernel
+from robocorba.planning.space import line_clearance
+from robocorba.system.kernels import inner_kernel, kernel
 
 Bytes = NDArray[np.uint8]
-Singles = NDArray[np.float32]
 
 #: Step of the lattice [m], and number of headings in a full turn.
 STEP_M, HEADINGS = 0.10, 24
@@ -28,11 +30,9 @@ STEP_M, HEADINGS = 0.10, 24
 MAX_POSES = 30_000_000
 #: Number of expanded poses after which a search ends.
 MAX_EXPANDED = 3_000_000
-#: A motion costs more if the clearance beyond the margin is less than this [m].
+#: A motion costs more if the clearance beyond the margin is less than this [m], at none twice as much.
 COMFORT_CLEARANCE_M = 0.2
-#: Additional share of the cost at no clearance beyond the margin.
-NARROW_COST = 1.0
-#: Weight of the heuristic (weighted A*): a good route is found sooner than the best one.
+#: Weight of the heuristic: a route is found much sooner, and costs at most so many times as much as the best one.
 HEURISTIC_WEIGHT = 1.5
 #: Cost of turning by a radian, as a share of the body's reach.
 TURN_COST = 0.5
@@ -40,15 +40,21 @@ TURN_COST = 0.5
 POSES_AFTER_FIRST_GOAL = 20_000
 #: Number of attempts to cut short between two random points of a route.
 SHORTCUTS = 200
+#: What the search knows of a pose: its clearance [m] (0: unknown, negative: less than the margin), least cost [m], and
+#: parent (0: not reached, -1 - source, or 1 + previous pose).
+POSE = np.dtype([("clearance", "f4"), ("cost", "f8"), ("parent", "i8")], align=True)
 
 
 class Lattice(NamedTuple):
     """A lattice of poses: points in rows and columns, and at each point the same headings.
 
-    frame: x and y of the lower corner [m], first heading [rad], step [m], number of columns, rows, headings. open_m
-    (rows, columns): distance from a point to the nearest obstacle [m], up to a limit."""
+    x, y: lower corner [m]; heading: the first one [rad]; step [m]; open_m (rows, columns): distance from a point to
+    the nearest obstacle [m], up to a limit."""
 
-    frame: Floats
+    x: float
+    y: float
+    heading: float
+    step: float
     open_m: Floats
 
 
@@ -61,6 +67,19 @@ class LatticeRoute(NamedTuple):
     goal: int
 
 
+class _Search(NamedTuple):
+    """A search: what it knows of all poses (n,), POSE, and the points that it has reached (rows, columns)."""
+
+    grid: Grid
+    body: CapsuleBody
+    margin_m: float
+    lattice: Lattice
+    to_goal_m: Floats
+    goals: Longs
+    poses: Any
+    reached: Bytes
+
+
 def lay_lattice(grid: Grid, box: tuple[float, float, float, float], anchor: Floats, far_m: float) -> Lattice:
     """A lattice through the pose `anchor` within x0, y0, x1, y1 [m]. far_m: limit of the distances to obstacles [m]."""
     x0, y0, x1, y1 = box
@@ -68,15 +87,16 @@ def lay_lattice(grid: Grid, box: tuple[float, float, float, float], anchor: Floa
     low_x = anchor[0] - step * math.floor((anchor[0] - x0) / step)
     low_y = anchor[1] - step * math.floor((anchor[1] - y0) / step)
     columns, rows = int((x1 - low_x) / step) + 1, int((y1 - low_y) / step) + 1
-    frame = np.array([low_x, low_y, anchor[2], step, columns, rows, HEADINGS], float)
-    return Lattice(frame, _open_distances(grid, frame, far_m))
+    lattice = Lattice(float(low_x), float(low_y), float(anchor[2]), step, np.empty((rows, columns)))
+    _measure_open(grid, lattice, far_m)
+    return lattice
 
 
 def distances_to_goal(lattice: Lattice, goals: Floats, radius_m: float) -> Floats:
     """Distance from each point (rows, columns) to the nearest goal for a disc of this radius [m]; inf where it
     cannot reach one."""
     cells = [_cell(lattice, goal) for goal in goals]
-    return _distances_to_goal(lattice.frame, lattice.open_m, np.array(cells, np.int64).reshape(-1, 2), radius_m)
+    return _distances_to_goal(lattice, np.array(cells, np.int64).reshape(-1, 2), radius_m)
 
 
 def find_routes(
@@ -92,90 +112,91 @@ def find_routes(
     (m, 3), and the points reached (rows, columns). to_goal_m: the result of `distances_to_goal` for the goals.
 
     The search ends without further routes after MAX_EXPANDED poses."""
-    frame = lattice.frame
     states = np.array([_state(lattice, goal) for goal in goals], np.int64)
-    weight = TURN_COST * body.reach
-    count = lattice.open_m.size * HEADINGS
     # numpy.zeros maps pages on first use: poses that the search never touches take no memory.
-    clearance, costs, parents = np.zeros(count, np.float32), np.zeros(count), np.zeros(count, np.int64)
-    goals_reached, reached = _search(
-        grid,
-        body.capsules,
-        body.reach,
-        margin_m,
-        frame,
-        lattice.open_m,
-        to_goal_m,
-        sources,
-        states,
-        weight,
-        clearance,
-        costs,
-        parents,
-    )
+    poses, reached = np.zeros(lattice.open_m.size * HEADINGS, POSE), np.zeros(lattice.open_m.shape, np.uint8)
+    search = _Search(grid, body, margin_m, lattice, to_goal_m, states, poses, reached)
     found = []
-    for index in goals_reached.tolist():
-        state, poses = int(states[index]), [goals[index]]
-        at = state
-        while parents[at] > 0:
-            at = int(parents[at]) - 1
-            poses.append(np.array(_pose(frame, at)))
-        source = -int(parents[at]) - 1
-        poses.append(sources[source, :3])
-        found.append(LatticeRoute(unwrapped(np.array(poses[::-1])), float(costs[state]), source, index))
+    for index in _reach_goals(search, sources).tolist():
+        at, back = int(states[index]), [goals[index]]
+        while poses["parent"][at] > 0:
+            at = int(poses["parent"][at]) - 1
+            back.append(np.array(_pose(lattice, at)))
+        source = -int(poses["parent"][at]) - 1
+        route = np.array([*back, sources[source, :3]][::-1])
+        route[:, 2] = np.unwrap(route[:, 2])
+        found.append(LatticeRoute(route, float(poses["cost"][states[index]]), source, index))
     return found, reached
 
 
+@kernel
 def shorten(grid: Grid, body: CapsuleBody, route: Floats, margin_m: float, preferred_m: float) -> Floats:
     """A shorter route with fewer poses, which keeps `preferred_m` wherever the given route does."""
-    return _shorten(grid, body.capsules, body.reach, margin_m, preferred_m, TURN_COST * body.reach, route)
-
-
-def unwrapped(route: Floats) -> Floats:
-    """The route with headings that never jump; the first pose is unchanged."""
-    route = route.copy()
-    for i in range(1, len(route)):
-        route[i, 2] = route[i - 1, 2] + math.remainder(route[i, 2] - route[i - 1, 2], math.tau)
-    return route
+    route = _skip(grid, body, margin_m, preferred_m, route)
+    random, numbers = 12345, np.empty(4, np.int64)  # the same on every computer
+    a, b = np.empty(3), np.empty(3)
+    for _ in range(SHORTCUTS):
+        last = route.shape[0] - 1
+        if last < 2:
+            break
+        for k in range(4):  # by the generator that ISO C gives as an example of rand()
+            random = (random * 1103515245 + 12345) % 2147483648
+            numbers[k] = random // 65536
+        i, j = numbers[0] % last, numbers[1] % last
+        if i >= j:
+            continue
+        s, t = (numbers[2] % 1000) / 1000.0, (numbers[3] % 1000) / 1000.0
+        for k in range(3):
+            a[k] = route[i, k] + s * (route[i + 1, k] - route[i, k])
+            b[k] = route[j, k] + t * (route[j + 1, k] - route[j, k])
+        if _is_shortcut(grid, body, margin_m, preferred_m, route, i, j, a, b):
+            shorter = np.empty((i + 3 + last - j, 3))
+            for k in range(3):
+                for v in range(i + 1):
+                    shorter[v, k] = route[v, k]
+                shorter[i + 1, k], shorter[i + 2, k] = a[k], b[k]
+                for v in range(j + 1, last + 1):
+                    shorter[i + 2 + v - j, k] = route[v, k]
+            route = shorter
+    return _skip(grid, body, margin_m, preferred_m, route)
 
 
 def _cell(lattice: Lattice, pose: Floats) -> tuple[int, int]:
-    x0, y0, _, step, columns, rows, _ = lattice.frame.tolist()
-    column, row = round((pose[0] - x0) / step), round((pose[1] - y0) / step)
-    return min(max(column, 0), int(columns) - 1), min(max(row, 0), int(rows) - 1)
+    rows, columns = lattice.open_m.shape
+    column, row = round((pose[0] - lattice.x) / lattice.step), round((pose[1] - lattice.y) / lattice.step)
+    return min(max(column, 0), columns - 1), min(max(row, 0), rows - 1)
 
 
 def _state(lattice: Lattice, pose: Floats) -> int:
     column, row = _cell(lattice, pose)
-    heading_index = round(math.remainder(pose[2] - lattice.frame[2], math.tau) / (math.tau / HEADINGS)) % HEADINGS
-    return (row * int(lattice.frame[4]) + column) * HEADINGS + heading_index
+    heading_index = round(math.remainder(pose[2] - lattice.heading, math.tau) / (math.tau / HEADINGS)) % HEADINGS
+    return (row * lattice.open_m.shape[1] + column) * HEADINGS + heading_index
 
 
 @kernel
-def _pose(frame: Floats, state: int) -> tuple[float, float, float]:
+def _pose(lattice: Lattice, state: int) -> tuple[float, float, float]:
     """The pose of a state: x, y, heading."""
-    point, heading_index = divmod(state, int(frame[6]))
-    row, column = divmod(point, int(frame[4]))
-    return frame[0] + column * frame[3], frame[1] + row * frame[3], frame[2] + heading_index * (math.tau / frame[6])
+    point, heading_index = divmod(state, HEADINGS)
+    row, column = divmod(point, lattice.open_m.shape[1])
+    heading = lattice.heading + heading_index * (math.tau / HEADINGS)
+    return lattice.x + column * lattice.step, lattice.y + row * lattice.step, heading
 
 
 @kernel
-def _open_distances(grid: Grid, frame: Floats, cap: float) -> Floats:
-    columns, rows = int(frame[4]), int(frame[5])
-    found = np.empty((rows, columns))
+def _measure_open(grid: Grid, lattice: Lattice, cap: float) -> None:
+    """Fill in `open_m`, at most `cap` [m]."""
+    rows, columns = lattice.open_m.shape
     for row in range(rows):
         for column in range(columns):
-            clearance, _ = nearest_segment(grid, frame[0] + column * frame[3], frame[1] + row * frame[3], cap)
-            found[row, column] = clearance
-    return found
+            x, y = lattice.x + column * lattice.step, lattice.y + row * lattice.step
+            lattice.open_m[row, column] = line_clearance(grid, x, y, x, y, cap)[0]
 
 
 @kernel
-def _distances_to_goal(frame: Floats, open_m: Floats, cells: Longs, radius: float) -> Floats:
-    rows, columns = open_m.shape
+def _distances_to_goal(lattice: Lattice, cells: Longs, radius: float) -> Floats:
+    rows, columns = lattice.open_m.shape
     to_goal_m = np.full((rows, columns), np.inf)
-    queue = [(0.0, 0)]
-    queue.pop()
+    queue = [(0.0, 0) for _ in range(0)]
     for i in range(cells.shape[0]):
         column, row = cells[i]
         to_goal_m[row, column] = 0.0
@@ -188,8 +209,8 @@ def _distances_to_goal(frame: Floats, open_m: Floats, cells: Longs, radius: floa
         for down in range(-1, 2):
             for right in range(-1, 2):
                 r, c = row + down, column + right
-                if 0 <= r < rows and 0 <= c < columns and open_m[r, c] >= radius:
-                    total = so_far + frame[3] * math.sqrt(down * down + right * right)
+                if 0 <= r < rows and 0 <= c < columns and lattice.open_m[r, c] >= radius:
+                    total = so_far + lattice.step * math.sqrt(down * down + right * right)
                     if total < to_goal_m[r, c]:
                         to_goal_m[r, c] = total
                         heapq.heappush(queue, (total, r * columns + c))
@@ -197,211 +218,191 @@ def _distances_to_goal(frame: Floats, open_m: Floats, cells: Longs, radius: floa
 
 
 @kernel
-def _search(
-    grid: Grid,
-    capsules: Floats,
-    reach: float,
-    margin: float,
-    frame: Floats,
-    open_m: Floats,
-    to_goal_m: Floats,
-    sources: Floats,
-    goals: Longs,
-    weight: float,
-    clearance: Singles,
-    costs: Floats,
-    parents: Longs,
-) -> tuple[Longs, Bytes]:
-    """Indices of the goals reached, in this order, and points reached (rows, columns). The search fills in the arrays
-    of the states: clearance (0: unknown, negative: less than the margin); costs; parents (0: not reached, -1 - source,
-    or 1 + previous state). weight: cost of turning by a radian [m]."""
-    step, columns, rows, headings = frame[3], int(frame[4]), int(frame[5]), int(frame[6])
-    turn = math.tau / headings
-    reached = np.zeros((rows, columns), np.uint8)
-    settled = np.empty(goals.shape[0], np.int64)
-    number = 0
-    cap = 2.0 * margin + COMFORT_CLEARANCE_M + 0.15
-    a, b = np.empty(3), np.empty(3)
-    # Estimate, cost, pose, parent as above, and whether the motion from the parent is known to be free.
-    queue = [(0.0, 0.0, 0, 0, False)]
-    queue.pop()
-
-    for s in range(sources.shape[0]):
-        column = math.floor((sources[s, 0] - frame[0]) / step)
-        row = math.floor((sources[s, 1] - frame[1]) / step)
-        heading_index = math.floor((sources[s, 2] - frame[2]) / turn)
-        for r in range(max(row - 1, 0), min(row + 3, rows)):
-            for c in range(max(column - 1, 0), min(column + 3, columns)):
-                for k in range(heading_index - 1, heading_index + 3):
-                    if to_goal_m[r, c] == np.inf:
-                        continue
-                    dx, dy = frame[0] + c * step - sources[s, 0], frame[1] + r * step - sources[s, 1]
-                    dh = weight * (frame[2] + k * turn - sources[s, 2])
-                    cost = sources[s, 3] + math.sqrt(dx * dx + dy * dy + dh * dh)
-                    state = (r * columns + c) * headings + k % headings
-                    heapq.heappush(queue, (cost + HEURISTIC_WEIGHT * to_goal_m[r, c], cost, state, -1 - s, False))
-
+def _reach_goals(search: _Search, sources: Floats) -> Longs:
+    """Indices of the goals reached, in this order."""
+    columns = search.lattice.open_m.shape[1]
+    settled, number = np.empty(search.goals.shape[0], np.int64), 0
+    # Estimate, cost, state, parent as in POSE, and whether the motion from the parent is known to be free.
+    queue = [(0.0, 0.0, 0, 0, False) for _ in range(0)]
+    _leave_sources(search, sources, queue)
     expansions_left, expanded = POSES_AFTER_FIRST_GOAL, 0
     while queue:
         _, cost, state, parent, is_free = heapq.heappop(queue)
-        if parents[state] != 0:
+        here = search.poses[state]
+        if here.parent != 0 or _clearance_at(search, state) < 0.0:
             continue
-        heading_index, point = state % headings, state // headings
-        row, column = point // columns, point % columns
-        b[0], b[1], b[2] = _pose(frame, state)
-        if clearance[state] == 0.0:
-            clearance[state] = _clearance(grid, capsules, reach, b, open_m[row, column], cap, margin)
-        if clearance[state] < 0.0:
+        if not is_free and not _passes(search, sources, parent, state):
             continue
-        if not is_free:
-            if parent < 0:
-                a[:] = sources[-1 - parent, :3]
-                clear_a = body_clearance(grid, capsules, a[0], a[1], a[2], cap)
-            else:
-                a[0], a[1], a[2] = _pose(frame, parent - 1)
-                clear_a = clearance[parent - 1]
-            b[2] = a[2] + _wrapped(b[2] - a[2])
-            if not body_passes(grid, capsules, reach, a, b, clear_a, clearance[state], margin):
-                continue
-        parents[state], costs[state] = parent, cost
-        reached[row, column] = 1
+        here.parent, here.cost = parent, cost
+        search.reached[state // HEADINGS // columns, state // HEADINGS % columns] = 1
         expanded += 1
         if expanded > MAX_EXPANDED:
             break
-        for g in range(goals.shape[0]):
-            if goals[g] == state:
+        for g in range(search.goals.shape[0]):
+            if search.goals[g] == state:
                 settled[number] = g
                 number += 1
-        if number == goals.shape[0]:
+        if number == search.goals.shape[0]:
             break
         if number:
             expansions_left -= 1
             if expansions_left < 0:
                 break
-        for down in range(-1, 2):
-            for right in range(-1, 2):
-                r, c = row + down, column + right
-                if r < 0 or r >= rows or c < 0 or c >= columns or to_goal_m[r, c] == np.inf:
+        _expand(search, state, queue)
+    return settled[:number]
+
+
+@inner_kernel
+def _leave_sources(search: _Search, sources: Floats, queue: list[tuple[float, float, int, int, bool]]) -> None:
+    """Queue the poses of the lattice around each source."""
+    lattice, turn = search.lattice, math.tau / HEADINGS
+    rows, columns = lattice.open_m.shape
+    for s in range(sources.shape[0]):
+        column = math.floor((sources[s, 0] - lattice.x) / lattice.step)
+        row = math.floor((sources[s, 1] - lattice.y) / lattice.step)
+        heading_index = math.floor((sources[s, 2] - lattice.heading) / turn)
+        for r in range(max(row - 1, 0), min(row + 3, rows)):
+            for c in range(max(column - 1, 0), min(column + 3, columns)):
+                for k in range(heading_index - 1, heading_index + 3):
+                    if search.to_goal_m[r, c] == np.inf:
+                        continue
+                    dx = lattice.x + c * lattice.step - sources[s, 0]
+                    dy = lattice.y + r * lattice.step - sources[s, 1]
+                    dh = TURN_COST * search.body.reach * (lattice.heading + k * turn - sources[s, 2])
+                    cost = sources[s, 3] + math.sqrt(dx * dx + dy * dy + dh * dh)
+                    estimate = cost + HEURISTIC_WEIGHT * search.to_goal_m[r, c]
+                    state = (r * columns + c) * HEADINGS + k % HEADINGS
+                    heapq.heappush(queue, (estimate, cost, state, -1 - s, False))
+
+
+@inner_kernel
+def _expand(search: _Search, state: int, queue: list[tuple[float, float, int, int, bool]]) -> None:
+    """Queue the neighbours of a pose."""
+    lattice, margin, turn = search.lattice, search.margin_m, math.tau / HEADINGS
+    rows, columns = lattice.open_m.shape
+    weight, here = TURN_COST * search.body.reach, search.poses[state]
+    heading_index, row, column = state % HEADINGS, state // HEADINGS // columns, state // HEADINGS % columns
+    for down in range(-1, 2):
+        for right in range(-1, 2):
+            r, c = row + down, column + right
+            if r < 0 or r >= rows or c < 0 or c >= columns or search.to_goal_m[r, c] == np.inf:
+                continue
+            for by in range(-1, 2):
+                k = (heading_index + by) % HEADINGS
+                other = (r * columns + c) * HEADINGS + k
+                there = search.poses[other]
+                if other == state or there.parent != 0 or _clearance_at(search, other) < 0.0:
                     continue
-                for by in range(-1, 2):
-                    k = (heading_index + by) % headings
-                    other = (r * columns + c) * headings + k
-                    if other == state or parents[other] != 0 or clearance[other] < 0.0:
-                        continue
-                    if clearance[other] == 0.0:
-                        b[0], b[1], b[2] = _pose(frame, other)
-                        clearance[other] = _clearance(grid, capsules, reach, b, open_m[r, c], cap, margin)
-                        if clearance[other] < 0.0:
-                            continue
-                    distance = step * math.sqrt(down * down + right * right)
-                    travel_m = distance + reach * turn * abs(by)
-                    length = math.sqrt(distance * distance + weight * weight * turn * turn * by * by)
-                    room = min(clearance[state], clearance[other]) - margin
-                    total = cost + length * (1.0 + NARROW_COST * max(0.0, 1.0 - room / COMFORT_CLEARANCE_M))
-                    if costs[other] > 0.0 and total >= costs[other]:
-                        continue
-                    is_known = clearance[state] + clearance[other] - 2.0 * margin >= travel_m
-                    if is_known:
-                        costs[other] = total
-                    rest = to_goal_m[r, c]
-                    if goals.shape[0] == 1:
-                        steps_off = abs(k - goals[0] % headings)
-                        off = weight * turn * min(steps_off, headings - steps_off)
-                        rest = math.sqrt(rest * rest + off * off)
-                    heapq.heappush(queue, (total + HEURISTIC_WEIGHT * rest, total, other, state + 1, is_known))
-    return settled[:number], reached
+                distance = lattice.step * math.sqrt(down * down + right * right)
+                length = math.sqrt(distance * distance + weight * weight * turn * turn * by * by)
+                room = min(here.clearance, there.clearance) - margin
+                total = here.cost + length * (1.0 + max(0.0, 1.0 - room / COMFORT_CLEARANCE_M))
+                if there.cost > 0.0 and total >= there.cost:
+                    continue
+                travel_m = distance + search.body.reach * turn * abs(by)
+                is_known = here.clearance + there.clearance - 2.0 * margin >= travel_m
+                if is_known:
+                    there.cost = total
+                rest = search.to_goal_m[r, c]
+                if search.goals.shape[0] == 1:
+                    steps_off = abs(k - search.goals[0] % HEADINGS)
+                    off = weight * turn * min(steps_off, HEADINGS - steps_off)
+                    rest = math.sqrt(rest * rest + off * off)
+                heapq.heappush(queue, (total + HEURISTIC_WEIGHT * rest, total, other, state + 1, is_known))
 
 
 @kernel
-def _clearance(
-    grid: Grid, capsules: Floats, reach: float, pose: Floats, point_m: float, cap: float, margin: float
-) -> float:
-    """Clearance [m] up to `cap` of a body whose origin is `point_m` from the nearest obstacle; -1 if it is less than
-    the margin."""
-    if point_m - reach >= cap:
-        return cap
-    found = body_clearance(grid, capsules, pose[0], pose[1], pose[2], cap)
-    return found if found >= margin else -1.0
+def _cap(search: _Search) -> float:
+    """Clearance up to which the search distinguishes poses [m]."""
+    return 2.0 * search.margin_m + COMFORT_CLEARANCE_M + 0.15
 
 
-@kernel
-def _wrapped(angle: float) -> float:
-    """The same angle between -pi and pi [rad]."""
-    return angle - math.tau * math.floor(angle / math.tau + 0.5)
+@inner_kernel
+def _clearance_at(search: _Search, state: int) -> float:
+    """Clearance of a pose [m], as in POSE, determined once."""
+    found = search.poses[state]
+    if found.clearance == 0.0:
+        columns, cap = search.lattice.open_m.shape[1], _cap(search)
+        point_m = search.lattice.open_m[state // HEADINGS // columns, state // HEADINGS % columns]
+        clearance = cap
+        if point_m - search.body.reach < cap:
+            x, y, heading = _pose(search.lattice, state)
+            clearance = body_clearance(search.grid, search.body, x, y, heading, cap)
+        found.clearance = clearance if clearance >= search.margin_m else -1.0
+    return found.clearance
 
 
-@kernel
+@inner_kernel
+def _passes(search: _Search, sources: Floats, parent: int, state: int) -> bool:
+    """Whether the body can move to a pose from its parent."""
+    a, b = np.empty(3), np.empty(3)
+    b[0], b[1], b[2] = _pose(search.lattice, state)
+    if parent < 0:
+        a[0], a[1], a[2] = sources[-1 - parent, 0], sources[-1 - parent, 1], sources[-1 - parent, 2]
+        clear_a = body_clearance(search.grid, search.body, a[0], a[1], a[2], _cap(search))
+    else:
+        a[0], a[1], a[2] = _pose(search.lattice, parent - 1)
+        clear_a = search.poses[parent - 1].clearance
+    off = b[2] - a[2]
+    b[2] = a[2] + (off - math.tau * math.floor(off / math.tau + 0.5))
+    clear_b = float(search.poses[state].clearance)
+    return body_passes(search.grid, search.body, a, b, clear_a, clear_b, search.margin_m)
+
+
+@inner_kernel
 def _motion_cost(a: Floats, b: Floats, weight: float) -> float:
     """Cost of the straight motion between two poses [m], without the cost of narrow places."""
     return math.sqrt((b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2 + (weight * (b[2] - a[2])) ** 2)
 
 
-@kernel
-def _shorten(
-    grid: Grid, capsules: Floats, reach: float, margin: float, preferred: float, weight: float, route: Floats
-) -> Floats:
-    route = _skip(grid, capsules, reach, margin, preferred, route)
-    seed = 12345
-    cap = 2.0 * preferred + 0.2
-    a, b = np.empty(3), np.empty(3)
-    for _ in range(SHORTCUTS):
-        last = route.shape[0] - 1
-        if last < 2:
-            break
-        # Two points on different lines, pseudo-random and the same on every computer.
-        seed = (seed * 1103515245 + 12345) % 2147483648
-        i = seed // 65536 % last
-        seed = (seed * 1103515245 + 12345) % 2147483648
-        j = seed // 65536 % last
-        seed = (seed * 1103515245 + 12345) % 2147483648
-        s = (seed // 65536 % 1000) / 1000.0
-        seed = (seed * 1103515245 + 12345) % 2147483648
-        t = (seed // 65536 % 1000) / 1000.0
-        if i >= j:
-            continue
-        a[:] = route[i] + s * (route[i + 1] - route[i])
-        b[:] = route[j] + t * (route[j + 1] - route[j])
-        old = _motion_cost(a, route[i + 1], weight) + _motion_cost(route[j], b, weight)
-        for v in range(i + 1, j):
-            old += _motion_cost(route[v], route[v + 1], weight)
-        extra = 2 - (j - i)
-        if old - _motion_cost(a, b, weight) < 0.02 + 0.1 * max(extra, 0):
-            continue
-        clear_a = body_clearance(grid, capsules, a[0], a[1], a[2], cap)
-        clear_b = body_clearance(grid, capsules, b[0], b[1], b[2], cap)
-        least = min(min(clear_a, clear_b), preferred)
-        for v in range(i + 1, j + 1):
-            least = min(least, body_clearance(grid, capsules, route[v, 0], route[v, 1], route[v, 2], preferred))
-        if body_passes(grid, capsules, reach, a, b, clear_a, clear_b, max(margin, least)):
-            shortened = np.empty((i + 3 + last - j, 3))
-            shortened[: i + 1] = route[: i + 1]
-            shortened[i + 1] = a
-            shortened[i + 2] = b
-            shortened[i + 3 :] = route[j + 1 :]
-            route = shortened
-    return _skip(grid, capsules, reach, margin, preferred, route)
+@inner_kernel
+def _is_shortcut(
+    grid: Grid,
+    body: CapsuleBody,
+    margin: float,
+    preferred: float,
+    route: Floats,
+    i: int,
+    j: int,
+    a: Floats,
+    b: Floats,
+) -> bool:
+    """Whether the straight motion from a pose a of line i to a pose b of line j is free and worth while."""
+    weight, cap = TURN_COST * body.reach, 2.0 * preferred + 0.2
+    old = _motion_cost(a, route[i + 1], weight) + _motion_cost(route[j], b, weight)
+    for v in range(i + 1, j):
+        old += _motion_cost(route[v], route[v + 1], weight)
+    if old - _motion_cost(a, b, weight) < 0.02 + 0.1 * max(2 - (j - i), 0):
+        return False
+    clear_a = body_clearance(grid, body, a[0], a[1], a[2], cap)
+    clear_b = body_clearance(grid, body, b[0], b[1], b[2], cap)
+    least = min(min(clear_a, clear_b), preferred)
+    for v in range(i + 1, j + 1):
+        least = min(least, body_clearance(grid, body, route[v, 0], route[v, 1], route[v, 2], preferred))
+    return body_passes(grid, body, a, b, clear_a, clear_b, max(margin, least))
 
 
-@kernel
-def _skip(grid: Grid, capsules: Floats, reach: float, margin: float, preferred: float, route: Floats) -> Floats:
+@inner_kernel
+def _skip(grid: Grid, body: CapsuleBody, margin: float, preferred: float, route: Floats) -> Floats:
     """The route without the poses that the body can skip: from each pose to the farthest one within its reach."""
     count = route.shape[0]
     clearance = np.empty(count)
     for i in range(count):
-        clearance[i] = body_clearance(grid, capsules, route[i, 0], route[i, 1], route[i, 2], 2.0 * preferred + 0.2)
+        clearance[i] = body_clearance(grid, body, route[i, 0], route[i, 1], route[i, 2], 2.0 * preferred + 0.2)
     kept = np.empty((count, 3))
-    kept[0] = route[0]
-    number, i = 1, 0
-    while i < count - 1:
+    number, i = 0, 0
+    while True:
+        for k in range(3):
+            kept[number, k] = route[i, k]
+        number += 1
+        if i == count - 1:
+            return kept[:number]
         j = count - 1
         while j > i + 1:
             least = preferred
             for v in range(i, j + 1):
                 least = min(least, clearance[v])
-            if body_passes(grid, capsules, reach, route[i], route[j], clearance[i], clearance[j], max(margin, least)):
+            if body_passes(grid, body, route[i], route[j], clearance[i], clearance[j], max(margin, least)):
                 break
             j -= 1
-        kept[number] = route[j]
-        number += 1
         i = j
-    return kept[:number]

@@ -15,7 +15,7 @@ import numpy as np
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.planning.segments import segments_distance2
 from robocorba.planning.triangulation import Flags, Mesh, locate, on_lattice
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Exit triangle of a triangle of the core.
 IN_CORE = -1
@@ -71,11 +71,11 @@ def near_core(mesh: Mesh, xy: Floats, exit_triangle: Longs, reach: float) -> Fla
     stack = np.empty(mesh.corner.shape[0], np.int64)
     for t in range(mesh.corner.shape[0]):
         if exit_triangle[t] == IN_CORE:
-            _stamp_triangle(mesh, xy, exit_triangle, t, reach, stamp, 1, stack)
+            _stamp_triangle(mesh, xy, exit_triangle, t, reach, stamp, np.int64(1), stack)
     return stamp == 1
 
 
-@kernel
+@inner_kernel
 def stamp_exit_route(mesh: Mesh, xy: Floats, ends: DeadEnds, x: float, y: float, reach: float, epoch: int) -> None:
     """Stamp the vertices of the triangles from a place [m] to the exit of its dead end, and those within `reach` [m]
     beside them."""

@@ -20,12 +20,10 @@ from robocorba.planning.turns import Turn
 
 #: Radius of a thin robot [m]: if it has a path where the real one has none, gaps are too narrow.
 THIN_M = 0.02
-#: Maximum number of nodes of a component, and of edges, that a diagnosis names.
-MAX_NODES_NAMED, MAX_EDGES_NAMED = 4, 16
+#: Maximum number of edges that a diagnosis names.
+MAX_EDGES_NAMED = 16
 #: Number of nearest nodes to which a diagnosis searches a drive.
 MAX_NODES_TRIED = 16
-#: A drive leads through a doorway if it passes within this distance [m].
-DOORWAY_M = 0.3
 
 
 def obstacle_at(snapshot: BuildingSnapshot, place: Place, radius: float) -> tuple[str, float]:
@@ -172,7 +170,8 @@ def _narrow_places(
             "is {} m wide, {} m needed".format(*_distinguishable(math.dist(door.a, door.b), needed)),
         )
         for door in entry.geometrical.doors.values()
-        if math.dist(door.a, door.b) < needed and line.distance(shapely.LineString([door.a, door.b])) < DOORWAY_M
+        if math.dist(door.a, door.b) < needed
+        and line.distance(shapely.LineString([door.a, door.b])) < 0.3  # [m], it leads through the doorway
     ]
     if narrow_doors:
         return found + narrow_doors
@@ -263,8 +262,8 @@ def _unconnected(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -
 def _describe_components(snapshot: BuildingSnapshot, component: Longs, numbers: set[int]) -> str:
     """How many nodes these components have, and the names of the first of them."""
     nodes = np.flatnonzero(np.isin(component, list(numbers)))
-    names = [snapshot.roads.names.nodes[node] for node in nodes[:MAX_NODES_NAMED].tolist()]
-    more = ", ..." if len(nodes) > MAX_NODES_NAMED else ""
+    names = [snapshot.roads.names.nodes[node] for node in nodes[:4].tolist()]
+    more = ", ..." if len(nodes) > len(names) else ""
     return f"{len(nodes)} node{'s' if len(nodes) > 1 else ''} ({', '.join(names)}{more})"
 
 

@@ -12,14 +12,9 @@ from robocorba.map_editor.spatial.grids import Grid
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.dead_ends import exit_triangles
 from robocorba.planning.triangulation import crossings, empty_mesh, insert_points, insert_walls, trimmed
-from robocorba.system.kernels import kernel
 
 #: Angles that differ by less are equal [rad].
 SAME_RAD = 1e-7
-#: Width of the ground that a mesh covers around all walls [m].
-MIN_MARGIN_M = 1.0
-#: Additional width on a floor without an outline, besides the extent of the walls [m].
-OPEN_M = 50.0
 
 
 class FloorMesh:
@@ -54,7 +49,7 @@ def _bounds(segments: Floats, points: Sequence[XY], bounded: bool) -> tuple[floa
     if not len(covered):
         covered = np.zeros((1, 2))
     low, high = covered.min(axis=0), covered.max(axis=0)
-    around = MIN_MARGIN_M if bounded else MIN_MARGIN_M + OPEN_M + float((high - low).max())
+    around = 1.0 if bounded else 51.0 + float((high - low).max())  # [m]; without an outline paths may lead far around
     return float(low[0] - around), float(low[1] - around), float(high[0] + around), float(high[1] + around)
 
 
@@ -69,33 +64,21 @@ def _order(points: Floats) -> Longs:
     return np.lexsort((along, row)).astype(np.int64)
 
 
-@kernel
 def wall_arcs(vertices: int, segments: Floats, ends: Longs) -> tuple[Floats, Floats]:
     """low (n,) and span (n,): the arc of each vertex on which a robot touches none of the walls that meet there
     [rad]; the span is negative where there is none. ends (2m,) are the vertices of segments (m, 4)."""
-    first = np.zeros(vertices + 1, np.int64)
-    for i in range(segments.shape[0]):
-        if ends[2 * i] != ends[2 * i + 1]:
-            first[ends[2 * i] + 1] += 1
-            first[ends[2 * i + 1] + 1] += 1
-    first = np.cumsum(first)
-    angles = np.empty(first[vertices])
-    fill = first[:-1].copy()
-    for i in range(segments.shape[0]):
-        a, b = ends[2 * i], ends[2 * i + 1]
-        if a == b:
-            continue
-        ax, ay, bx, by = segments[i]
-        angle = math.atan2(by - ay, bx - ax)
-        angles[fill[a]], angles[fill[b]] = angle, angle + math.pi if angle <= 0.0 else angle - math.pi
-        fill[a] += 1
-        fill[b] += 1
+    a, b = ends[0::2], ends[1::2]
+    there = np.arctan2(segments[:, 3] - segments[:, 1], segments[:, 2] - segments[:, 0])
+    back = np.where(there <= 0.0, there + math.pi, there - math.pi)
+    vertex, angle = np.concatenate([a[a != b], b[a != b]]), np.concatenate([there[a != b], back[a != b]])
+    order = np.lexsort((angle, vertex))
+    vertex, angle = vertex[order], angle[order]
     low, span = np.zeros(vertices), np.full(vertices, -1.0)
-    for v in range(vertices):
-        around = np.sort(angles[first[v] : first[v + 1]])
-        for i in range(around.shape[0]):
-            last = i + 1 == around.shape[0]
-            gap = around[0] + 2 * math.pi - around[i] if last else around[i + 1] - around[i]
-            if gap > math.pi + SAME_RAD:
-                low[v], span[v] = around[i] + math.pi / 2, gap - math.pi
+    if len(vertex):
+        is_first = np.diff(vertex, prepend=-1) != 0
+        following = np.roll(angle, -1)
+        following[np.roll(is_first, -1)] = angle[is_first] + 2 * math.pi
+        gap = following - angle
+        wide = gap > math.pi + SAME_RAD
+        low[vertex[wide]], span[vertex[wide]] = angle[wide] + math.pi / 2, gap[wide] - math.pi
     return low, span

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeVar
+from typing import Any
 
 from robocorba.map_editor.geometry import DOOR_REACH_M
 from robocorba.map_editor.model import Building
@@ -10,16 +10,6 @@ from robocorba.map_editor.vicinity import line_box, walls_intersecting
 
 #: Maximum number of changed elements for an incremental update; rebuilding the whole floor is cheaper beyond it.
 MAX_TOUCHED = 1_000
-
-T = TypeVar("T")
-
-
-class Touched(NamedTuple):
-    """Names of the walls, objects and doors that were added, changed or removed, and of walls with changed openings."""
-
-    walls: set[str]
-    objects: set[str]
-    doors: set[str]
 
 
 class FloorSource:
@@ -43,24 +33,26 @@ class FloorSource:
     def _same_frame(self, other: FloorSource) -> bool:
         return self.floor is other.floor and list(map(id, self.elevators)) == list(map(id, other.elevators))
 
-    def touched_since(self, before: FloorSource, building: Building) -> Touched | None:
-        """The differences to `before`; None if the whole floor must be rebuilt: its entry or an elevator changed, or
-        more than MAX_TOUCHED elements did."""
+    def touched_since(self, before: FloorSource, building: Building) -> set[tuple[str, str]] | None:
+        """The walls, objects and doors, as (kind, name), that differ from `before`, and walls with other openings.
+
+        None if the whole floor must be rebuilt: its entry or an elevator changed, or more than MAX_TOUCHED elements
+        did."""
         if not self._same_frame(before):
             return None
-        walls = _changed(self.plan.walls, before.plan.walls)
-        objects = _changed(self.plan.objects, before.plan.objects)
         doors = _changed(self.plan.doors, before.plan.doors)
+        walls = _changed(self.plan.walls, before.plan.walls)
         if doors:
             both = (self.plan.doors, before.plan.doors)
             boxes = [line_box(side[name], 2 * DOOR_REACH_M) for name in doors for side in both if name in side]
             walls |= set(walls_intersecting(building, self.floor.name, boxes))
-        if len(walls) + len(objects) + len(doors) > MAX_TOUCHED:
-            return None
-        return Touched(walls, objects, doors)
+        objects = _changed(self.plan.objects, before.plan.objects)
+        touched = {("wall", name) for name in walls} | {("object", name) for name in objects}
+        touched |= {("door", name) for name in doors}
+        return touched if len(touched) <= MAX_TOUCHED else None
 
 
-def _changed(now: dict[str, T], before: dict[str, T]) -> set[str]:
+def _changed(now: dict[str, Any], before: dict[str, Any]) -> set[str]:
     """Names of elements that were added, changed or removed."""
     if now is before:
         return set()

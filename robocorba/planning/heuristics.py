@@ -8,10 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
-from robocorba.planning.packing import Packed, numbers, pack, rows
+from robocorba.planning.packing import Packed, pack
 from robocorba.planning.roads import CLEARANCE, DRIVEN, LENGTH, SPEED_LIMIT, TRAVEL, WAIT, RoadMap, RoadmapArrays
 from robocorba.planning.space import TOUCH_M
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Maximum number of nodes of a building that gets a table of all costs for the robot of getPath.
 MAX_TABLE_NODES = 400
@@ -59,21 +59,17 @@ def make_heuristics(
     return pack([bound, cost], [node, start, edge])
 
 
-@kernel
+@inner_kernel
 def read_heuristics(heuristics: Packed, nodes: int) -> HeuristicTables:
     """Unpack heuristics for a roadmap with this number of nodes."""
-    node, edge = numbers(heuristics, 2), numbers(heuristics, 4)
-    in_table = nodes if edge.shape[0] else 0
-    return HeuristicTables(
-        node,
-        numbers(heuristics, 3),
-        rows(heuristics, 0, node.shape[0]),
-        rows(heuristics, 1, in_table),
-        edge.reshape(in_table, in_table),
-    )
+    n, f = heuristics
+    node, edge = n[n[3] : n[4]], n[n[5] : n[6]]
+    cabins, in_table = node.shape[0], nodes if edge.shape[0] else 0
+    bound, cost = f[n[0] : n[1]].reshape(cabins, cabins), f[n[1] : n[2]].reshape(in_table, in_table)
+    return HeuristicTables(node, n[n[4] : n[5]], bound, cost, edge.reshape(in_table, in_table))
 
 
-@kernel
+@inner_kernel
 def step_cost(roads: RoadmapArrays, edge: int, speed_m_s: float) -> float:
     """Cost of an edge: seconds at `speed_m_s`, or metres with COST_IN_METRES."""
     length = roads.measures[edge, LENGTH]
@@ -85,7 +81,7 @@ def step_cost(roads: RoadmapArrays, edge: int, speed_m_s: float) -> float:
     return length / min(speed_m_s, roads.measures[edge, SPEED_LIMIT])
 
 
-@kernel
+@inner_kernel
 def continues_ride(roads: RoadmapArrays, via: int, edge: int) -> bool:
     """Whether an edge is a second ride in the elevator of the previous edge, which no route contains."""
     return via >= 0 and roads.elevator[edge] >= 0 and roads.elevator[via] == roads.elevator[edge]

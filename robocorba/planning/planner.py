@@ -28,21 +28,14 @@ from robocorba.planning.search import find_path, with_limits
 from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.turns import Turn, Turns
 
-#: Time limit of a query [s]. Clients usually wait for 10 s; a shorter limit ends work whose result nobody awaits.
-TIME_LIMIT_S = 8.0
-#: How long a path may take for each obstacle that only its query has [s].
-EXPECTED_S = 0.001
-#: A query in the `warm_up_room`. No node is in sight of the start.
-WARM_UP_START, WARM_UP_GOAL = Place("warm-up", 1.6, 1.4), Place("warm-up", 9.0, 1.0)
-WARM_UP_NODES = 2
-
 
 class PathPlanner:
     """Plans on the latest building. Queries run in parallel, take turns where they are many, and never wait for an
     update."""
 
-    def __init__(self, building: Building, version: int = 0, time_limit_s: float = TIME_LIMIT_S) -> None:
-        """A query raises PlanningTimeout after `time_limit_s`."""
+    def __init__(self, building: Building, version: int = 0, time_limit_s: float = 8.0) -> None:
+        """A query raises PlanningTimeout after `time_limit_s`. Clients usually wait for 10 s; a shorter limit ends work
+        whose result nobody awaits."""
         self._snapshot, self._time_limit_s = BuildingSnapshot(building, version), time_limit_s
         self._turns = Turns()
 
@@ -57,17 +50,20 @@ class PathPlanner:
 
     def warm_up(self) -> None:
         """Compile or load every kernel, so that the first query is not slower. Compiling may take half a minute."""
-        planner = PathPlanner(warm_up_room(), time_limit_s=math.inf)  # a query may compile for longer than its limit
-        floor, start, goal = WARM_UP_START.floor, WARM_UP_START, WARM_UP_GOAL
-        for _ in range(WARM_UP_NODES):  # after as many queries as nodes: the table of costs
-            planner.shortest(Place(floor, 5.0, 5.0), goal)
+        planner = PathPlanner(_warm_up_room(), time_limit_s=math.inf)  # a query may compile for longer than its limit
+        # No node is in sight of the start.
+        start, goal, beside, hidden, blocked = (
+            Place("L1", x, y) for x, y in ((1.6, 1.4), (9.0, 1.0), (5.0, 5.0), (2.0, 2.6), (3.0, 1.5))
+        )
+        for _ in range(2):  # after as many queries as nodes: the table of costs
+            planner.shortest(beside, goal)
         planner.shortest(goal, start)
         planner.shortest(start, goal)
-        planner.shortest(start, Place(floor, 2.0, 2.6))  # the roadmap is a detour
+        planner.shortest(start, hidden)  # the roadmap is a detour
         for mode in RouteMode:
             planner.paths(PathRequest(start, goal, mode=mode))
         with contextlib.suppress(NotFree):
-            planner.shortest(start, Place(floor, 3.0, 1.5))
+            planner.shortest(start, blocked)
 
     def shortest(self, start: Place, goal: Place) -> Path:
         """The paper's getPath for a SmartPal: the shortest path on the topological map with corners cut, and through
@@ -102,7 +98,7 @@ class PathPlanner:
 
     def _turn(self, request: PathRequest) -> AbstractContextManager[Turn]:
         obstacles = len(request.forbidden_areas) + len(request.avoid_areas)
-        expected_s = EXPECTED_S * (1 + obstacles) * (1 + request.alternatives)
+        expected_s = 0.001 * (1 + obstacles) * (1 + request.alternatives)  # 1 ms for each obstacle of its own
         return self._turns.take(self._deadline(), request.start.floor, expected_s)
 
     def _deadline(self) -> float:
@@ -143,10 +139,10 @@ def _smoothed(snapshot: BuildingSnapshot, request: PathRequest, turn: Turn) -> l
     return [snapshot.path(off_road(route), request) for route in topological.routes(snapshot, smoothed, turn)]
 
 
-def warm_up_room() -> Building:
+def _warm_up_room() -> Building:
     """A room in which a few queries use every kernel."""
     outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
-    floor = Floor(name=WARM_UP_START.floor, level=0, elevation=0.0, outline=outline)
+    floor = Floor(name="L1", level=0, elevation=0.0, outline=outline)
     building = Building("warm-up").with_element("", floor)
     for element in (
         Wall(name="lid", a=(1.0, 2.0), b=(3.0, 2.0)),

@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robocorba.map_editor.model import PathEdge
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.space import TOUCH_M
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Columns of lanes after the ends; those of the direction back follow those of the direction there.
 WIDEST, SPEED, CROSSING, LANE_COLUMNS = 4, 6, 8, 9
@@ -57,16 +56,12 @@ def make_lanes(edges: list[PathEdge], ends: Longs, xy: Floats, graph: str = "") 
     lanes[:, :2], lanes[:, 2:4] = xy[pairs // len(xy)], xy[pairs % len(xy)]
     lanes[:, WIDEST : WIDEST + 2] = NOBODY
     for direction, runs in ((0, ~one_way | ~is_back), (1, ~one_way | is_back)):
-        _raise(lanes[:, WIDEST + direction], number[runs], widest[runs])
-        _raise(lanes[:, SPEED + direction], number[runs], speed[runs])
+        np.maximum.at(lanes[:, WIDEST + direction], number[runs], widest[runs])
+        np.maximum.at(lanes[:, SPEED + direction], number[runs], speed[runs])
     closed = lanes[:, SPEED : SPEED + 2] == 0.0
     lanes[:, SPEED : SPEED + 2][closed] = math.inf
     has_rule = np.isfinite(lanes[:, WIDEST : SPEED + 2]).any(axis=1)
     return lanes[has_rule & (np.hypot(*(lanes[:, 2:4] - lanes[:, :2]).T) > 0.0)]
-
-
-def _raise(column: Floats, number: NDArray[np.int64], values: Floats) -> None:
-    np.maximum.at(column, number, values)
 
 
 @kernel
@@ -151,7 +146,7 @@ def path_breaks_rule(lanes: Floats, points: Floats, radius: float) -> bool:
     return False
 
 
-@kernel
+@inner_kernel
 def _crosses(lanes: Floats, i: int, ax: float, ay: float, bx: float, by: float) -> bool:
     """Whether the line ab crosses lane i; to end on it is not to cross it."""
     px, py, qx, qy = lanes[i, 0], lanes[i, 1], lanes[i, 2], lanes[i, 3]
@@ -183,7 +178,7 @@ def tie_lanes(lanes: Floats, x: float, y: float, radius: float) -> Floats:
     return found
 
 
-@kernel
+@inner_kernel
 def is_slowed(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float) -> bool:
     """Whether the drive from a to b follows a lane that has a speed limit in its direction."""
     for i in range(lanes.shape[0]):
@@ -194,7 +189,7 @@ def is_slowed(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius:
     return False
 
 
-@kernel
+@inner_kernel
 def limits_along(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float) -> tuple[Floats, Floats]:
     """The drive from a to b in parts with the same speed limit: the shares at which they end, and the limits [m/s]."""
     count = 0
@@ -205,10 +200,13 @@ def limits_along(lanes: Floats, ax: float, ay: float, bx: float, by: float, radi
             if last > first and lanes[i, SPEED + direction] < np.inf:
                 spans[count, 0], spans[count, 1], spans[count, 2] = first, last, lanes[i, SPEED + direction]
                 count += 1
-    marks = np.ones(2 * count + 1)
-    for i in range(count):
-        marks[2 * i], marks[2 * i + 1] = spans[i, 0], spans[i, 1]
-    marks.sort()
+    marks = np.ones(2 * count + 1)  # sorted while they are few: numba's sort compiles for longer than all of this
+    for i in range(2 * count):
+        mark, at = spans[i // 2, i % 2], i
+        while at > 0 and marks[at - 1] > mark:
+            marks[at] = marks[at - 1]
+            at -= 1
+        marks[at] = mark
     ends, limits = np.empty(marks.shape[0]), np.empty(marks.shape[0])
     size, before = 0, 0.0
     for mark in marks:

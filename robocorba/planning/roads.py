@@ -30,8 +30,6 @@ SAME_PLACE_M = 1e-6
 
 #: Clearance of an edge that no robot can use, because an obstacle crosses or encloses it.
 BLOCKED = -1.0
-#: The edge from the first of two nodes to the second.
-AB: Longs = np.array([[0, 1]])
 
 
 class RoadmapArrays(NamedTuple):
@@ -177,8 +175,9 @@ class RoadMap:
         length = float(np.hypot(*(ends[1] - ends[0])))
         if length < SAME_PLACE_M:
             return 0.0, np.inf
+        drive = np.array([[0, 1]])
         before, after = (
-            float(_clearances(space.grid, space.borders, space.rings, space.inside, ends, AB, MAX_RADIUS_M)[0])
+            float(_clearances(space.grid, space.borders, space.rings, space.inside, ends, drive, MAX_RADIUS_M)[0])
             for space in (part.space for part in parts)
         )
         return (length, after) if after >= before else (-length, before)

@@ -21,8 +21,6 @@ FLOOR, X, Y, NODE, ELEVATOR, LIMIT, WAITS, TRAVELS, ROAD = range(9)
 COLUMNS = 9
 OFF_ROAD, ON_ROAD, ON_FIXED_ROAD = range(3)
 
-_START, _NODE, _WAYPOINT, _ENTRY, _EXIT, _GOAL = (float(kind.value) for kind in PointKind)
-
 
 def waypoints(floor: float, places: Floats) -> Floats:
     """Rows (k, COLUMNS) of drives between points (k, 2) [m] of a floor, off the topological map."""
@@ -56,16 +54,16 @@ def measure(route: Floats, elevations: Floats, speed: float) -> Floats:
             step = math.hypot(dx, dy)
             if step > 0.0:
                 heading = math.atan2(dy, dx)
-        kind = _NODE if route[i, NODE] >= 0.0 else _WAYPOINT
+        kind = PointKind.NODE if route[i, NODE] >= 0.0 else PointKind.WAYPOINT
         if i == 0:
-            kind = _START
+            kind = PointKind.START
         elif i == count - 1:
-            kind = _GOAL
+            kind = PointKind.GOAL
         elif goes_by >= 0.0:
-            kind = _ENTRY
+            kind = PointKind.ELEVATOR_ENTRY
         elif ridden >= 0.0:
-            kind = _EXIT
-        points[i, 0], points[i, 1], points[i, 2] = kind, route[i, NODE], route[i, FLOOR]
+            kind = PointKind.ELEVATOR_EXIT
+        points[i, 0], points[i, 1], points[i, 2] = kind.value, route[i, NODE], route[i, FLOOR]
         points[i, 3], points[i, 4], points[i, 5] = route[i, X], route[i, Y], heading
         points[i, 6], points[i, 7], points[i, 8] = distance, time, max(goes_by, ridden)
         if goes_by >= 0.0:

@@ -43,12 +43,11 @@ from robocorba.planning.route import (
 )
 from robocorba.planning.space import TOUCH_M, detour_bound, line_free
 from robocorba.planning.triangulation import doubled
-from robocorba.planning.world import Ground, floor_grid, floor_lanes, floor_point_is_free, packed_rules, unpack
-from robocorba.system.kernels import kernel
+from robocorba.planning.world import floor_grid, floor_point_is_free, packed_rules, unpack
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Statuses of `find_route`.
-FOUND, START_NOT_FREE, GOAL_NOT_FREE, START_SEES_NO_NODE, GOAL_SEES_NO_NODE, NO_ROUTE = range(6)
-NO_ROWS = np.empty((0, COLUMNS))
+FOUND, NOT_FREE, NOT_CONNECTED = range(3)
 
 #: Maximum number of nodes in sight that a place is connected to.
 MAX_CONNECTIONS = 8
@@ -64,7 +63,7 @@ ON_NODE_M = 0.01
 DETOUR, DETOUR_M = 2.5, 1.0
 
 
-@kernel
+@inner_kernel
 def _can_drive(
     grid: Grid, lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float, outbound: bool
 ) -> bool:
@@ -123,36 +122,27 @@ def component_connections(
     grid: Grid,
     lanes: Floats,
     xy: Floats,
-    low: int,
-    high: int,
+    order: Longs,
     component: Longs,
     x: float,
     y: float,
     radius: float,
     outbound: bool,
-) -> tuple[Longs, Floats]:
-    """Like roadmap_connections, but the nearest node in sight of each component (n,) of the roadmap, at any
-    distance."""
-    lanes = tie_lanes(lanes, x, y, radius)
-    distances = np.empty(high - low)
-    for i in range(high - low):
-        distances[i] = math.hypot(xy[low + i, 0] - x, xy[low + i, 1] - y)
-    done = np.zeros(component.max() + 1 if component.shape[0] else 0, np.bool_)
-    nodes = np.empty(high - low, np.int64)
-    count = 0
-    for i in np.argsort(distances):
-        node = low + i
-        if done[component[node]]:
-            continue
+) -> Longs:
+    """Like roadmap_connections, but the first node in sight of each component (n,) of the roadmap, at any distance.
+    order: the nodes of the floor, nearest first."""
+    done = np.zeros(component.shape[0], np.bool_)
+    nodes, count = np.empty(order.shape[0], np.int64), 0
+    for node in order:
         nx, ny = xy[node]
-        if _can_drive(grid, lanes, x, y, nx, ny, radius, outbound):
+        if not done[component[node]] and _can_drive(grid, lanes, x, y, nx, ny, radius, outbound):
             done[component[node]] = True
             nodes[count] = node
             count += 1
-    return nodes[:count], distances[nodes[:count] - low]
+    return nodes[:count]
 
 
-@kernel
+@inner_kernel
 def cheapest_route(
     roads: RoadmapArrays,
     heuristics: HeuristicTables,
@@ -177,16 +167,9 @@ def cheapest_route(
         )
         if found >= 0.0:
             return found, nodes, edges
-    xy, first = roads.xy, roads.first
-    count = xy.shape[0]
+    first, count = roads.first, roads.xy.shape[0]
     metres_per_cost = speed_m_s if speed_m_s != COST_IN_METRES else 1.0
-    cabin_bounds = np.full(heuristics.node.shape[0], np.inf)
-    for c in range(cabin_bounds.shape[0]):
-        for g in range(heuristics.start[goal_floor], heuristics.start[goal_floor + 1]):
-            node = heuristics.node[g]
-            rest = math.hypot(xy[node, 0] - goal_x, xy[node, 1] - goal_y) / metres_per_cost
-            cabin_bounds[c] = min(cabin_bounds[c], heuristics.bound[c, g] + rest)
-
+    cabin_bounds = _cabin_bounds(roads, heuristics, goal_floor, goal_x, goal_y, metres_per_cost)
     cost = np.full(count, np.inf)
     parent = np.empty(count, np.int64)  # parent and via are valid only where the cost is finite:
     via = np.empty(count, np.int64)  # filling them would take longer than many searches
@@ -229,23 +212,47 @@ def cheapest_route(
                     cost[other] = cost[node] + step
                     parent[other], via[other] = node, edge
                     heapq.heappush(queue, (cost[other] + estimate, other))
-    steps = 0
-    node = last
+    nodes, edges = _traced_back(parent, via, last)
+    return best, nodes, edges
+
+
+@inner_kernel
+def _cabin_bounds(
+    roads: RoadmapArrays,
+    heuristics: HeuristicTables,
+    goal_floor: int,
+    goal_x: float,
+    goal_y: float,
+    metres_per_cost: float,
+) -> Floats:
+    """Lower bounds (c,) of the cost from the nodes in cabins to the goal."""
+    bounds = np.full(heuristics.node.shape[0], np.inf)
+    for c in range(bounds.shape[0]):
+        for g in range(heuristics.start[goal_floor], heuristics.start[goal_floor + 1]):
+            x, y = roads.xy[heuristics.node[g]]
+            rest = math.hypot(x - goal_x, y - goal_y) / metres_per_cost
+            bounds[c] = min(bounds[c], heuristics.bound[c, g] + rest)
+    return bounds
+
+
+@inner_kernel
+def _traced_back(parent: Longs, via: Longs, last: int) -> tuple[Longs, Longs]:
+    """The nodes of the route that ends at node `last`, none for -1, and the edges between them."""
+    steps, node = 0, last
     while node >= 0:
         steps += 1
         node = parent[node]
-    nodes = np.empty(steps, np.int64)
-    edges = np.empty(max(steps - 1, 0), np.int64)
+    nodes, edges = np.empty(steps, np.int64), np.empty(max(steps - 1, 0), np.int64)
     node = last
     for i in range(steps - 1, -1, -1):
         nodes[i] = node
         if i > 0:
             edges[i - 1] = via[node]
         node = parent[node]
-    return best, nodes, edges
+    return nodes, edges
 
 
-@kernel
+@inner_kernel
 def _route_from_table(
     roads: RoadmapArrays,
     heuristics: HeuristicTables,
@@ -280,7 +287,7 @@ def _route_from_table(
     return best, nodes[: steps + 1], edges[:steps]
 
 
-@kernel
+@inner_kernel
 def _cost_to_go(
     roads: RoadmapArrays,
     heuristics: HeuristicTables,
@@ -303,7 +310,7 @@ def _cost_to_go(
     return least
 
 
-@kernel
+@inner_kernel
 def cut_corners(grid: Grid, lanes: Floats, points: Floats, road: Floats, radius: float) -> Longs:
     """Indices of the points (k, 2) that remain when every corner that can be cut is cut.
 
@@ -352,11 +359,23 @@ def find_path(
     nodes, lengths = np.empty(0, np.int64), np.empty(0)
     start, goal = (start_floor, start_x, start_y), (goal_floor, goal_x, goal_y)
     status, route = find_route(
-        world, heuristics, rules, start, nodes, lengths, goal, nodes, lengths, radius, COST_IN_METRES, True, lengths
+        world,
+        heuristics,
+        rules,
+        start,
+        nodes,
+        lengths,
+        goal,
+        nodes,
+        lengths,
+        radius,
+        COST_IN_METRES,
+        bool(1),
+        lengths,
     )
     if status != FOUND:
         return False, route
-    route = smoothed(world, route, radius)
+    route = smoothed(world, rules, route, radius)
     if may_be_detour(world, route):
         return True, route
     return False, points_of(world, with_limits(rules, route, radius), radius, speed)
@@ -364,15 +383,23 @@ def find_path(
 
 @kernel
 def points_of(world: Packed, route: Floats, radius: float, speed: float) -> Floats:
-    """The points of a route driven at `speed` [m/s], as in route.measure; empty if the route is not clear."""
+    """The points of a route driven at `speed` [m/s], as in route.measure; empty if a drive comes nearer to an obstacle
+    than the radius. Every answer must pass this check."""
     ground, _ = unpack(world)
-    return measure(route if is_clear(ground, route, radius) else NO_ROWS, ground.elevations, speed)
+    for i in range(route.shape[0] - 1):
+        if route[i, ELEVATOR] >= 0.0:
+            continue
+        grid, ax, ay = floor_grid(ground, int(route[i, FLOOR])), route[i, X], route[i, Y]
+        is_free = line_free(grid, ax, ay, route[i + 1, X], route[i + 1, Y], radius)
+        if not is_free or route[i, FLOOR] != route[i + 1, FLOOR]:
+            return measure(route[:0], ground.elevations, speed)
+    return measure(route, ground.elevations, speed)
 
 
 @kernel
 def may_be_detour(world: Packed, route: Floats) -> bool:
     """Whether a path through free space may be much shorter than one of the drives of a route."""
-    at = 0
+    at = np.int64(0)
     for i in range(route.shape[0]):
         if i + 1 < route.shape[0] and route[i, ELEVATOR] < 0.0:
             continue
@@ -399,20 +426,6 @@ def max_free_length(world: Packed, route: Floats, first: int, last: int) -> floa
 
 
 @kernel
-def is_clear(ground: Ground, route: Floats, radius: float) -> bool:
-    """Whether every drive of a route keeps the radius from all obstacles. Every answer must pass this check."""
-    for i in range(route.shape[0] - 1):
-        if route[i, ELEVATOR] >= 0.0:
-            continue
-        if route[i, FLOOR] != route[i + 1, FLOOR]:
-            return False
-        grid = floor_grid(ground, int(route[i, FLOOR]))
-        if not line_free(grid, route[i, X], route[i, Y], route[i + 1, X], route[i + 1, Y], radius):
-            return False
-    return True
-
-
-@kernel
 def find_route(
     world: Packed,
     heuristics: Packed,
@@ -435,12 +448,13 @@ def find_route(
     start to goal. If `starts` or `goals` are empty, the search connects that end to the nodes in sight. Lengths of
     connections are metres at `speed_m_s`, see slowed_length."""
     ground, roads = unpack(world)
+    no_rows, yes = np.empty((0, COLUMNS)), bool(1)
     start_floor, sx, sy = start
     goal_floor, gx, gy = goal
     if not floor_point_is_free(ground, start_floor, sx, sy, radius):
-        return START_NOT_FREE, NO_ROWS
+        return NOT_FREE, no_rows
     if not floor_point_is_free(ground, goal_floor, gx, gy, radius):
-        return GOAL_NOT_FREE, NO_ROWS
+        return NOT_FREE, no_rows
     start_grid, start_lanes = floor_grid(ground, start_floor), lanes_on(rules, start_floor)
     nothing, straight_m = np.empty(0, np.int64), np.inf
     if straight and start_floor == goal_floor and _can_drive(start_grid, start_lanes, sx, sy, gx, gy, radius, True):
@@ -449,21 +463,21 @@ def find_route(
             return FOUND, _route_over(roads, start, goal, nothing, nothing)
     if not starts.shape[0]:
         low, high = ground.first_node[start_floor], ground.first_node[start_floor + 1]
-        starts, start_lengths = roadmap_connections(start_grid, start_lanes, roads.xy, low, high, sx, sy, radius, True)
+        starts, start_lengths = roadmap_connections(start_grid, start_lanes, roads.xy, low, high, sx, sy, radius, yes)
         for i in range(starts.shape[0]):
             nx, ny = roads.xy[starts[i]]
             start_lengths[i] = _slowed(start_lanes, sx, sy, nx, ny, radius, speed_m_s)
         if not starts.shape[0] and straight_m == np.inf:
-            return START_SEES_NO_NODE, NO_ROWS
+            return NOT_CONNECTED, no_rows
     if not goals.shape[0]:
         low, high = ground.first_node[goal_floor], ground.first_node[goal_floor + 1]
         goal_grid, goal_lanes = floor_grid(ground, goal_floor), lanes_on(rules, goal_floor)
-        goals, goal_lengths = roadmap_connections(goal_grid, goal_lanes, roads.xy, low, high, gx, gy, radius, False)
+        goals, goal_lengths = roadmap_connections(goal_grid, goal_lanes, roads.xy, low, high, gx, gy, radius, not yes)
         for i in range(goals.shape[0]):
             nx, ny = roads.xy[goals[i]]
             goal_lengths[i] = _slowed(goal_lanes, nx, ny, gx, gy, radius, speed_m_s)
         if not goals.shape[0] and straight_m == np.inf:
-            return GOAL_SEES_NO_NODE, NO_ROWS
+            return NOT_CONNECTED, no_rows
     cost, nodes, edges = cheapest_route(
         roads,
         read_heuristics(heuristics, roads.xy.shape[0]),
@@ -481,19 +495,21 @@ def find_route(
     if straight_m < np.inf and straight_m / speed_m_s <= cost:
         return FOUND, _route_over(roads, start, goal, nothing, nothing)
     if not cost < np.inf:
-        return NO_ROUTE, NO_ROWS
+        return NOT_CONNECTED, no_rows
     return FOUND, _route_over(roads, start, goal, nodes, edges)
 
 
-@kernel
+@inner_kernel
 def _slowed(lanes: Floats, ax: float, ay: float, bx: float, by: float, radius: float, speed_m_s: float) -> float:
     """Length of the drive from a to b, see slowed_length; in metres with COST_IN_METRES."""
     if speed_m_s == COST_IN_METRES or not lanes.shape[0]:
         return math.hypot(bx - ax, by - ay)
-    return slowed_length(lanes, np.array([[ax, ay], [bx, by]]), radius, speed_m_s)
+    line = np.empty((2, 2))
+    line[0, 0], line[0, 1], line[1, 0], line[1, 1] = ax, ay, bx, by
+    return slowed_length(lanes, line, radius, speed_m_s)
 
 
-@kernel
+@inner_kernel
 def _route_over(
     roads: RoadmapArrays, start: tuple[int, float, float], goal: tuple[int, float, float], nodes: Longs, edges: Longs
 ) -> Floats:
@@ -545,7 +561,7 @@ def with_limits(rules: RoadRules, route: Floats, radius: float) -> Floats:
     for i in range(count):
         if size == found.shape[0]:
             found = doubled(found)
-        found[size] = route[i]
+        _copy_row(found, size, route, i)
         size += 1
         if i == count - 1 or route[i, ELEVATOR] >= 0.0 or route[i, ROAD] != OFF_ROAD:
             continue
@@ -558,7 +574,7 @@ def with_limits(rules: RoadRules, route: Floats, radius: float) -> Floats:
         for k in range(1, ends.shape[0]):
             if size == found.shape[0]:
                 found = doubled(found)
-            found[size] = found[size - 1]
+            _copy_row(found, size, found, size - 1)
             found[size, X], found[size, Y] = ax + ends[k - 1] * (bx - ax), ay + ends[k - 1] * (by - ay)
             found[size, NODE], found[size, LIMIT] = -1.0, limits[k]
             size += 1
@@ -566,7 +582,7 @@ def with_limits(rules: RoadRules, route: Floats, radius: float) -> Floats:
 
 
 @kernel
-def smoothed(world: Packed, route: Floats, radius: float) -> Floats:
+def smoothed(world: Packed, rules: RoadRules, route: Floats, radius: float) -> Floats:
     """The route with the corners of each of its drives cut."""
     ground, _ = unpack(world)
     count = route.shape[0]
@@ -577,21 +593,36 @@ def smoothed(world: Packed, route: Floats, radius: float) -> Floats:
         while end < count - 1 and route[end, ELEVATOR] < 0.0:
             end += 1
         floor = int(route[at, FLOOR])
-        grid, lanes = floor_grid(ground, floor), floor_lanes(ground, floor)
+        grid, lanes = floor_grid(ground, floor), lanes_on(rules, floor)
         corners = cut_corners(grid, lanes, route[at : end + 1, X : Y + 1], route[at : end + 1, ROAD], radius)
         for corner in corners:
             kept[size] = at + corner
             size += 1
         at = end + 1
-    rows = route[kept[:size]]
+    rows = _picked(route, kept[:size])
     for k in range(size - 1):
         if kept[k + 1] != kept[k] + 1:
             rows[k, LIMIT], rows[k, ROAD] = np.inf, OFF_ROAD
-    return _without_straight_stops(ground, rows, radius)
+    return _without_straight_stops(rules, rows, radius)
 
 
-@kernel
-def _without_straight_stops(ground: Ground, route: Floats, radius: float) -> Floats:
+@inner_kernel
+def _picked(route: Floats, kept: Longs) -> Floats:
+    """Some rows of a route."""
+    rows = np.empty((kept.shape[0], COLUMNS))
+    for i in range(kept.shape[0]):
+        _copy_row(rows, i, route, kept[i])
+    return rows
+
+
+@inner_kernel
+def _copy_row(to: Floats, i: int, rows: Floats, k: int) -> None:
+    for column in range(COLUMNS):
+        to[i, column] = rows[k, column]
+
+
+@inner_kernel
+def _without_straight_stops(rules: RoadRules, route: Floats, radius: float) -> Floats:
     """The route without stops at which a drive neither turns nor changes its speed limit. A drive off the road remains
     two where both together would follow an edge that is closed or slow."""
     count = route.shape[0]
@@ -606,10 +637,10 @@ def _without_straight_stops(ground: Ground, route: Floats, radius: float) -> Flo
             if straight and ax * bx + ay * by >= 0.0 and route[i, LIMIT] == route[before, LIMIT]:
                 if route[i, ROAD] != OFF_ROAD and route[before, ROAD] != OFF_ROAD:
                     continue
-                lanes, far = floor_lanes(ground, int(route[i, FLOOR])), route[i + 1]
-                line = (route[before, X], route[before, Y], far[X], far[Y])
-                if not breaks_rule(lanes, *line, radius) and not is_slowed(lanes, *line, radius):
+                lanes = lanes_on(rules, int(route[i, FLOOR]))
+                ax, ay, bx, by = route[before, X], route[before, Y], route[i + 1, X], route[i + 1, Y]
+                if not breaks_rule(lanes, ax, ay, bx, by, radius) and not is_slowed(lanes, ax, ay, bx, by, radius):
                     continue
         kept[size] = i
         size += 1
-    return route[kept[:size]]
+    return _picked(route, kept[:size])

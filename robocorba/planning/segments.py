@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 
-@kernel
+@inner_kernel
 def point_segment_distance2(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Squared distance between the point (x, y) and the segment ab [m^2]."""
     dx, dy = bx - ax, by - ay

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -25,14 +26,10 @@ from robocorba.planning.space import TOUCH_M, FloorSpace
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.world import pack_world
 
-#: Maximum number of cached tangent graphs, one for each floor and radius; the least recently used is dropped.
-MAX_GRAPHS = 64
-#: Maximum number of cached variants of the building (with forbidden areas, without movables); the oldest is dropped.
-MAX_VARIANTS = 8
-
 #: Why an area blocks.
 AVOIDED, FORBIDDEN = "is avoided by the request", "is forbidden by the request"
-NO_FACTOR: Floats = np.empty(0)
+
+T = TypeVar("T")
 
 
 class BuildingSnapshot:
@@ -53,13 +50,10 @@ class BuildingSnapshot:
         #: For the robot and cost of getPath, which nearly all queries use.
         self.heuristics = make_heuristics(self.roads, COST_IN_METRES)
         self._queries = 0
-        self._heuristics_by_speed: dict[tuple[float, frozenset[str]], Packed] = {}
         self._lock = threading.Lock()
         self._graphs: OrderedDict[tuple[str, float], TangentGraph] = OrderedDict()
-        self._variants: OrderedDict[tuple, BuildingSnapshot] = OrderedDict()
-        self._rules: dict[str, RoadRules] = {}
-        self._factors: dict[tuple[frozenset[str], str], Floats] = {}
-        self._components: dict[tuple[float, frozenset[str], str], Longs] = {}
+        #: What requests of a kind need: by what is computed, and for what. The latest are kept.
+        self._known: dict[str, dict[Hashable, Any]] = {}
         if before:
             with before._lock:
                 kept = list(before._graphs.items())
@@ -70,36 +64,41 @@ class BuildingSnapshot:
         with self._lock:
             found = self._graphs.setdefault((floor, radius_m), TangentGraph(self.spaces[floor], radius_m))
             self._graphs.move_to_end((floor, radius_m))
-            while len(self._graphs) > MAX_GRAPHS:
+            while len(self._graphs) > 64:  # the least recently used is dropped
                 self._graphs.popitem(last=False)
         return found
+
+    def _once(self, what: str, key: Hashable, make: Callable[[], T]) -> T:
+        """What has been made for a key, or is made now; the 8 latest of each kind are kept."""
+        with self._lock:
+            known = self._known.setdefault(what, {}).get(key)
+        if known is None:
+            known = make()
+            with self._lock:
+                kept = self._known[what]
+                kept[key] = known
+                while len(kept) > 8:
+                    del kept[next(iter(kept))]
+        return known
 
     def components(self, radius_m: float, avoid_elevators: frozenset[str], graph: str) -> Longs:
         """The component of the roadmap (n,) that each node belongs to for a robot of this radius [m]. One-way edges
         count as two-way."""
-        key = (radius_m, avoid_elevators, graph)
-        known = self._components.get(key)
-        if known is None:
+
+        def make() -> Longs:
             roads = self.roads.roads
-            factor = self.factor(avoid_elevators, graph)
             usable = roads.measures[:, CLEARANCE] >= radius_m - TOUCH_M
-            if len(factor):
+            if len(factor := self.factor(avoid_elevators, graph)):
                 usable &= np.isfinite(factor)
             origin = np.repeat(np.arange(len(roads.xy)), np.diff(roads.first))
-            known = connected_parts(origin[usable], roads.to[usable], len(roads.xy))
-            if len(self._components) >= MAX_VARIANTS:
-                self._components.clear()
-            self._components[key] = known
-        return known
+            return connected_parts(origin[usable], roads.to[usable], len(roads.xy))
+
+        return self._once("components", (radius_m, avoid_elevators, graph), make)
 
     def rules(self, graph: str) -> RoadRules:
         """The rules of edges for requests of a navigation graph, "" for all edges."""
-        known = self._rules.get(graph)
-        if known is None:
-            if len(self._rules) >= MAX_VARIANTS:
-                self._rules.clear()
-            known = self._rules[graph] = road_rules([part.lanes_of(graph) for part in self.roads.parts.values()])
-        return known
+        parts = self.roads.parts.values()
+        return self._once("rules", graph, lambda: road_rules([part.lanes_of(graph) for part in parts]))
 
     def lanes(self, floor: str, graph: str = "") -> Floats:
         """Those of one floor (n, LANE_COLUMNS)."""
@@ -122,10 +121,10 @@ class BuildingSnapshot:
         if not request.avoid_areas and not request.forbidden_areas and not floors:
             return self
         key = (request.avoid_areas, request.forbidden_areas, floors)
-        with self._lock:
-            known = self._variants.get(key)
-        if known:
-            return known
+        return self._once("areas", key, lambda: self._avoiding(request, floors))
+
+    def _avoiding(self, request: PathRequest, floors: frozenset[str]) -> BuildingSnapshot:
+        """`variant_for` a request that avoids areas, or movable objects on floors."""
         building = _without_movables(self.building, floors)
         areas = [
             (Blocker("area", floor, name, AVOIDED), building.floors[floor].geometrical.areas[name].polygon)
@@ -145,13 +144,6 @@ class BuildingSnapshot:
             avoided[area.floor, name] = area
         made = BuildingSnapshot(building, self.version, self)
         made.avoided = avoided
-        return self._keep_variant(key, made)
-
-    def _keep_variant(self, key: tuple, made: BuildingSnapshot) -> BuildingSnapshot:
-        with self._lock:
-            self._variants[key] = made
-            while len(self._variants) > MAX_VARIANTS:
-                self._variants.popitem(last=False)
         return made
 
     def with_roads_closed(self, request: PathRequest) -> BuildingSnapshot | None:
@@ -164,32 +156,24 @@ class BuildingSnapshot:
                 walls[floor] = found
         if not walls:
             return None
-        key = ("roads closed", *((floor, *found) for floor, found in walls.items()))
-        with self._lock:
-            known = self._variants.get(key)
-        if known:
-            return known
         changes = [
             (ElementKind.WALL, floor, f"closed road {i}", Wall(name=f"closed road {i}", a=a, b=b))
             for floor, found in walls.items()
             for i, (a, b) in enumerate(found)
         ]
-        return self._keep_variant(key, BuildingSnapshot(self.building.with_changes(changes), self.version, self))
+        key = tuple((floor, *found) for floor, found in walls.items())
+        return self._once(
+            "roads closed", key, lambda: BuildingSnapshot(self.building.with_changes(changes), self.version, self)
+        )
 
     def with_doors_unlocked(self) -> BuildingSnapshot | None:
         """This building with every door unlocked; None if none is locked."""
-        if any(door.locked for entry in self.building.floors.values() for door in entry.geometrical.doors.values()):
-            return self._variant("doors unlocked", _with_doors_unlocked)
-        return None
-
-    def _variant(self, name: str, change: Callable[[FloorMap], FloorMap]) -> BuildingSnapshot:
-        with self._lock:
-            known = self._variants.get((name,))
-        if known:
-            return known
-        floors = {floor: change(entry) for floor, entry in self.building.floors.items()}
-        building = msgspec.structs.replace(self.building, floors=floors)
-        return self._keep_variant((name,), BuildingSnapshot(building, self.version, self))
+        floors = self.building.floors
+        if not any(door.locked for entry in floors.values() for door in entry.geometrical.doors.values()):
+            return None
+        opened = {floor: _with_doors_unlocked(entry) for floor, entry in floors.items()}
+        building = msgspec.structs.replace(self.building, floors=opened)
+        return self._once("doors unlocked", "", lambda: BuildingSnapshot(building, self.version, self))
 
     def count_query(self) -> None:
         """Count a query. After as many queries as the building has nodes, make the table of all costs, which then
@@ -203,30 +187,24 @@ class BuildingSnapshot:
         `avoid`."""
         if speed_m_s == COST_IN_METRES and radius == SMARTPAL_RADIUS_M and not avoid:
             return self.heuristics
-        known = self._heuristics_by_speed.get((speed_m_s, avoid))
-        if known is None:
-            if len(self._heuristics_by_speed) >= MAX_VARIANTS:
-                self._heuristics_by_speed.clear()
-            known = self._heuristics_by_speed[speed_m_s, avoid] = make_heuristics(self.roads, speed_m_s, avoid)
-        return known
+        key = (speed_m_s, avoid)
+        return self._once("heuristics", key, lambda: make_heuristics(self.roads, speed_m_s, avoid))
 
     def factor(self, avoid_elevators: frozenset[str], graph: str) -> Floats:
         """Cost factors of the edges (m,): inf for edges that a request must not use; empty if all are open."""
         if not avoid_elevators and not graph:
-            return NO_FACTOR
-        known = self._factors.get((avoid_elevators, graph))
-        if known is None:
+            return np.empty(0)
+
+        def make() -> Floats:
             roads = self.roads
             is_closed = [
                 (edge is None and roads.elevators[elevator] in avoid_elevators)
                 or bool(graph and edge is not None and edge.graphs and graph not in edge.graphs)
                 for edge, elevator in zip(roads.edges, roads.roads.elevator.tolist(), strict=True)
             ]
-            known = np.where(is_closed, np.inf, 1.0)
-            if len(self._factors) >= MAX_VARIANTS:
-                self._factors.clear()
-            self._factors[avoid_elevators, graph] = known
-        return known
+            return np.where(is_closed, np.inf, 1.0)
+
+        return self._once("factor", (avoid_elevators, graph), make)
 
 
 def _with_doors_unlocked(entry: FloorMap) -> FloorMap:

@@ -21,9 +21,9 @@ from robocorba.map_editor.spatial.grids import Grid, build_grid, column_of, row_
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.vicinity import named_obstacles
 from robocorba.planning.floor_mesh import FloorMesh
-from robocorba.planning.floor_source import FloorSource, Touched
+from robocorba.planning.floor_source import FloorSource
 from robocorba.planning.segments import segments_distance2
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Tolerance for rounding where a robot touches what it passes [m].
 TOUCH_M = 1e-9
@@ -53,10 +53,8 @@ class FloorSpace:
         self._mesh: FloorMesh | None = None
         self._lock = threading.Lock()
 
-    def _changed(self, before: FloorSpace, touched: Touched, building: Building) -> Floats:
-        """Keep the obstacles that were not touched and add the changed ones; returns all segments."""
-        changed = {("wall", name) for name in touched.walls} | {("object", name) for name in touched.objects}
-        changed |= {("door", name) for name in touched.doors}
+    def _changed(self, before: FloorSpace, changed: set[tuple[str, str]], building: Building) -> Floats:
+        """Keep the obstacles that were not touched and add the changed ones, (kind, name); returns all segments."""
         names, owners = {name for _, name in changed}, list(before.owners)
         removed = [i for i, item in enumerate(owners) if item.name in names and (item.kind, item.name) in changed]
         for i in reversed(removed):
@@ -102,8 +100,7 @@ class FloorSpace:
 
     def nearest(self, x: float, y: float, reach_m: float) -> tuple[float, Obstacle | None]:
         """The nearest obstacle and its distance [m]; (reach_m, None) if none is nearer."""
-        distance, segment = nearest_segment(self.grid, x, y, reach_m)
-        return float(distance), None if segment < 0 else self.owners[self._owner_of[segment]]
+        return self.nearest_to_line(x, y, x, y, reach_m)
 
     def nearest_to_line(
         self, ax: float, ay: float, bx: float, by: float, reach_m: float
@@ -168,7 +165,7 @@ def line_free(grid: Grid, ax: float, ay: float, bx: float, by: float, radius: fl
     return True
 
 
-@kernel
+@inner_kernel
 def detour_bound(grid: Grid, ax: float, ay: float, bx: float, by: float) -> float:
     """Lower bound of the length of a path from a to b [m]: it leads around an end of each segment that crosses the
     straight line."""
@@ -188,12 +185,6 @@ def detour_bound(grid: Grid, ax: float, ay: float, bx: float, by: float) -> floa
                 by_q = math.hypot(qx - ax, qy - ay) + math.hypot(bx - qx, by - qy)
                 least = max(least, min(by_p, by_q))
     return least
-
-
-@kernel
-def nearest_segment(grid: Grid, x: float, y: float, reach: float) -> tuple[float, int]:
-    """Distance from a point to the nearest segment [m] and its index; (reach, -1) if none is nearer."""
-    return line_clearance(grid, x, y, x, y, reach)
 
 
 @kernel

@@ -19,8 +19,9 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.errors.paths import PlanningTimeout
+from robocorba.map_editor.model import Building, Floor, Wall
 from robocorba.map_editor.spatial.arrays import Floats
-from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M, XY
 from robocorba.planning.dead_ends import DeadEnds, near_core
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.road_rules import NO_LANES, path_breaks_rule
@@ -33,20 +34,15 @@ from robocorba.planning.tangent_search import (
     Labels,
     Lines,
     Radii,
-    reach_m,
     search,
 )
 from robocorba.planning.turns import ALONE, Turn
 from robocorba.planning.visible_region import make_scratch
 
-#: Minimum radius of the circle around a vertex [m]: with radius 0 a wall would have no corner to turn at.
-MIN_TURN_M = 0.01
 #: Number of lines of a graph (41 bytes each) beyond which it forgets them before the next search.
 MAX_LINES = 4_000_000
 #: Number of lines with room at first.
 FIRST_LINES = 4_096
-#: Work of a search between two checks of the deadline [visited triangles]: about 0.1 s.
-BUDGET = 1_000_000
 
 
 class DriveLeg(NamedTuple):
@@ -54,9 +50,6 @@ class DriveLeg(NamedTuple):
 
     length: float
     points: Floats
-
-
-NO_LEG = DriveLeg(math.inf, np.empty((0, 2)))
 
 
 class TangentGraph:
@@ -73,12 +66,12 @@ class TangentGraph:
             return
         self._mesh = self.space.mesh(points)
         vertices = len(self._mesh.xy)
-        turn = max(self.radius, MIN_TURN_M) + self._mesh.merged_m
+        turn = max(self.radius, 0.01) + self._mesh.merged_m  # [m]; with radius 0 a wall would have no corner to turn at
         same = max(2 * self._mesh.merged_m, 2 * float(self._mesh.mesh.frame[2]))
-        self._radii = Radii(self.radius, turn, same)
+        self._radii = Radii(self.radius, turn, same, 2.0 * turn + same)
         self._scratch = make_scratch(self._mesh.mesh)
         exit_triangle = self._mesh.exit_triangle
-        near = near_core(self._mesh.mesh, self._mesh.xy, exit_triangle, reach_m(self._radii))
+        near = near_core(self._mesh.mesh, self._mesh.xy, exit_triangle, self._radii.reach_m)
         self._dead_ends = DeadEnds(exit_triangle, near, np.zeros(vertices, np.int64))
         self._arcs = Arcs(
             self._mesh.low,
@@ -129,7 +122,7 @@ class TangentGraph:
         """The leg, or none if it breaks a rule on an arc or by lines that continue each other: the search tests each
         line alone."""
         points = leg.points if outbound else leg.points[::-1].copy()
-        return NO_LEG if path_breaks_rule(lanes, points, self.radius) else leg
+        return DriveLeg(math.inf, np.empty((0, 2))) if path_breaks_rule(lanes, points, self.radius) else leg
 
     def legs(
         self,
@@ -151,7 +144,7 @@ class TangentGraph:
             return []
         goals = np.array(targets, float).reshape(-1, 2)
         nearest = min(enough or len(goals), len(goals))
-        budget = BUDGET
+        budget = 1_000_000  # between two checks of the deadline: about 0.1 s
         while True:
             turn.pause(self.space.floor)
             if not self._lock.acquire(timeout=turn.left_s):
@@ -188,3 +181,10 @@ class TangentGraph:
                 return [self._obeying(leg, lanes, outbound) for leg in legs] if len(lanes) else legs
             if status != NO_ROOM:
                 budget *= 2
+
+
+def warm_up() -> None:
+    """Compile or load the kernels of paths through free space."""
+    room = Floor("L1", 1, 0.0, outline=((0.0, 0.0), (4.0, 0.0), (4.0, 4.0), (0.0, 4.0)))
+    building = Building("warm-up").with_element("", room).with_element("L1", Wall("wall", (2.0, 0.0), (2.0, 2.0)))
+    TangentGraph(FloorSpace(building, "L1"), SMARTPAL_RADIUS_M).legs((1.0, 1.0), [(3.0, 1.0)])

@@ -21,7 +21,7 @@ from robocorba.planning.space import line_free
 from robocorba.planning.tangents import SAME_RAD, arc_corners, arc_is_free, free_arc, tangent
 from robocorba.planning.triangulation import Mesh, doubled
 from robocorba.planning.visible_region import Scratch, seen_from
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Statuses of a search.
 DONE, NO_ROOM, NO_BUDGET = range(3)
@@ -81,14 +81,15 @@ class Labels(NamedTuple):
 
 class Radii(NamedTuple):
     """Radius of the robot, and of the circles on which it turns, which is not smaller [m]. Ends of walls less than
-    `same_m` apart are one vertex."""
+    `same_m` apart are one vertex. reach_m: how far inside a dead end a passing path may turn, see dead_ends.py."""
 
     robot: float
     turn: float
     same_m: float
+    reach_m: float
 
 
-@kernel
+@inner_kernel
 def _determine_arc(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> bool:
     """Determine once which part of a vertex's arc is free; returns whether there is one."""
     if arcs.state[v] == UNKNOWN:
@@ -100,7 +101,7 @@ def _determine_arc(arcs: Arcs, xy: Floats, grid: Grid, v: int, radii: Radii) -> 
     return arcs.usable[v]
 
 
-@kernel
+@inner_kernel
 def _on_arc(arcs: Arcs, v: int, ex: float, ey: float) -> bool:
     """Whether the free part of the arc of v contains the direction of the unit vector e."""
     ax, ay, bx, by = arcs.ends[v]
@@ -111,7 +112,7 @@ def _on_arc(arcs: Arcs, v: int, ex: float, ey: float) -> bool:
     )
 
 
-@kernel
+@inner_kernel
 def _angle(arcs: Arcs, v: int, ex: float, ey: float) -> float:
     """The angle of the direction of the unit vector e on the arc of v."""
     angle = (math.atan2(ey, ex) - arcs.low[v]) % (2 * math.pi)
@@ -120,7 +121,7 @@ def _angle(arcs: Arcs, v: int, ex: float, ey: float) -> float:
     return angle
 
 
-@kernel
+@inner_kernel
 def _find_lines(
     mesh: Mesh, xy: Floats, grid: Grid, lines: Lines, arcs: Arcs, scratch: Scratch, v: int, radii: Radii
 ) -> int:
@@ -158,13 +159,7 @@ def _find_lines(
     return visited + 4 * seen
 
 
-@kernel
-def reach_m(radii: Radii) -> float:
-    """How far inside a dead end a passing path may turn [m]; see dead_ends.py."""
-    return 2.0 * radii.turn + radii.same_m
-
-
-@kernel
+@inner_kernel
 def _enqueue(
     queue: list[tuple[float, int]],
     records: Floats,
@@ -189,7 +184,7 @@ def _enqueue(
     return records
 
 
-@kernel
+@inner_kernel
 def _may_turn_at(arcs: Arcs, ends: DeadEnds, xy: Floats, grid: Grid, v: int, epoch: int, radii: Radii) -> bool:
     """Whether a path of this search may turn at a vertex."""
     if arcs.span[v] <= 0.0 or not (ends.near_core[v] or ends.stamp[v] == epoch):
@@ -197,7 +192,7 @@ def _may_turn_at(arcs: Arcs, ends: DeadEnds, xy: Floats, grid: Grid, v: int, epo
     return _determine_arc(arcs, xy, grid, v, radii)
 
 
-@kernel
+@inner_kernel
 def _link_goal(
     mesh: Mesh,
     xy: Floats,
@@ -219,7 +214,7 @@ def _link_goal(
     which the circle is left, and the length [m]. Returns the links, their number, and the work done."""
     epoch = labels.epoch[0]
     gx, gy = goals[goal]
-    seen, visited = seen_from(mesh, xy, -1, gx, gy, scratch)
+    seen, visited = seen_from(mesh, xy, np.int64(-1), gx, gy, scratch)
     for i in range(seen):
         v = scratch.seen[i]
         if _least_length_via(xy, v, start_x, start_y, goals[goal : goal + 1], radii.turn) > limit:
@@ -273,15 +268,15 @@ def search(
     found_by = np.full(wanted, -1, np.int64)
     labels.epoch[0] += 1
     epoch = labels.epoch[0]
-    stamp_exit_route(mesh, xy, ends, start_x, start_y, reach_m(radii), epoch)
+    stamp_exit_route(mesh, xy, ends, start_x, start_y, radii.reach_m, epoch)
     for g in range(wanted):
-        stamp_exit_route(mesh, xy, ends, goals[g, 0], goals[g, 1], reach_m(radii), epoch)
+        stamp_exit_route(mesh, xy, ends, goals[g, 0], goals[g, 1], radii.reach_m, epoch)
     records, size = np.empty((256, 6)), 0
     links, linked = np.empty((64, 4)), 0
     queue = [(0.0, 0) for _ in range(0)]
     aimed = goals if wanted <= MAX_AIMED_GOALS else goals[:0]
 
-    seen, visited = seen_from(mesh, xy, -1, start_x, start_y, scratch)
+    seen, visited = seen_from(mesh, xy, np.int64(-1), start_x, start_y, scratch)
     work = visited + 4 * seen
     for i in range(seen):
         v = scratch.seen[i]
@@ -407,7 +402,7 @@ def search(
     return status, found, first_corner, corners
 
 
-@kernel
+@inner_kernel
 def _is_dominated(arcs: Arcs, labels: Labels, circle: int, angle: float, cost: float, radius: float) -> bool:
     """Whether an earlier arrival reaches everything on a free arc at most as expensively; else this one is recorded."""
     passed = angle if circle % 2 == 0 else arcs.span[circle // 2] - angle
@@ -422,20 +417,20 @@ def _is_dominated(arcs: Arcs, labels: Labels, circle: int, angle: float, cost: f
     return False
 
 
-@kernel
+@inner_kernel
 def _least_length_via(xy: Floats, v: int, x: float, y: float, goals: Floats, radius: float) -> float:
     """Lower bound of a path from (x, y) over the circle of a vertex to the nearest goal [m]; 0 without goals."""
     return _nearest_m(goals, xy[v, 0], xy[v, 1]) + math.hypot(xy[v, 0] - x, xy[v, 1] - y) - 2.0 * radius
 
 
-@kernel
+@inner_kernel
 def _point_on_arc(xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> tuple[float, float]:
     """The point at an angle of a vertex's arc."""
     angle += arcs.low[v]
     return xy[v, 0] + radius * math.cos(angle), xy[v, 1] + radius * math.sin(angle)
 
 
-@kernel
+@inner_kernel
 def _distance_to_go(goals: Floats, xy: Floats, arcs: Arcs, v: int, angle: float, radius: float) -> float:
     """Lower bound of the distance from a point on an arc to the nearest goal [m]; 0 without goals."""
     if not goals.shape[0]:
@@ -444,7 +439,7 @@ def _distance_to_go(goals: Floats, xy: Floats, arcs: Arcs, v: int, angle: float,
     return _nearest_m(goals, x, y)
 
 
-@kernel
+@inner_kernel
 def _nearest_m(goals: Floats, x: float, y: float) -> float:
     """Distance from a point to the nearest goal [m]; 0 without goals."""
     least = np.inf if goals.shape[0] else 0.0
@@ -453,7 +448,7 @@ def _nearest_m(goals: Floats, x: float, y: float) -> float:
     return least
 
 
-@kernel
+@inner_kernel
 def _corners(
     xy: Floats,
     arcs: Arcs,

@@ -15,13 +15,13 @@ from robocorba.map_editor.spatial.grids import Grid, column_of, row_of
 from robocorba.planning.floor_mesh import SAME_RAD
 from robocorba.planning.segments import point_segment_distance2
 from robocorba.planning.space import line_free
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel
 
 #: Angle for each of the outer tangent lines that replace an arc [rad]: the path is at most 0.33 % longer.
 SIDE_RAD = math.pi / 16
 
 
-@kernel
+@inner_kernel
 def free_arc(
     grid: Grid, x: float, y: float, low: float, span: float, radius: float, same_m: float
 ) -> tuple[float, float, bool]:
@@ -60,7 +60,7 @@ def free_arc(
     return first, last, alone
 
 
-@kernel
+@inner_kernel
 def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int) -> tuple[float, float, float]:
     """Heading as a unit vector, and length [m], of the line that leaves this circle with one turn and touches the
     circle (dx, dy) away with another; a turn of 0 is a point. The length is negative if there is no such line."""
@@ -77,7 +77,7 @@ def tangent(dx: float, dy: float, radius: float, turn_here: int, turn_there: int
     return ux * cosine - uy * sine, ux * sine + uy * cosine, apart * cosine
 
 
-@kernel
+@inner_kernel
 def arc_corners(
     x: float, y: float, radius: float, begin: float, end: float, corners: Floats, count: int, write: bool
 ) -> int:
@@ -96,7 +96,7 @@ def arc_corners(
     return count + sides
 
 
-@kernel
+@inner_kernel
 def arc_is_free(grid: Grid, x: float, y: float, turn_radius: float, begin: float, end: float, radius: float) -> bool:
     """Whether a robot of `radius` can drive the lines of `arc_corners` and those that lead to and from them."""
     turned = end - begin

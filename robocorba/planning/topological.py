@@ -18,9 +18,8 @@ from robocorba.planning.road_rules import slowed_length, tie_lanes
 from robocorba.planning.route import ELEVATOR, FLOOR, LIMIT, NODE, OFF_ROAD, ROAD, X, Y, waypoints
 from robocorba.planning.search import (
     FOUND,
-    GOAL_NOT_FREE,
     MAX_CONNECTIONS,
-    START_NOT_FREE,
+    NOT_FREE,
     component_connections,
     find_route,
     max_free_length,
@@ -32,16 +31,11 @@ from robocorba.planning.snapshot import BuildingSnapshot
 from robocorba.planning.turns import Turn
 from robocorba.planning.world import floor_grid, unpack
 
-#: Cost factor of the edges of a better route in the search for an alternative.
-DETOUR_FACTOR = 1.6
 #: Number of nearest nodes that a place without a usable node in sight is connected to around corners, and the larger
 #: number that is tried if none of them can be reached.
 NEAR_NODES, MORE_NODES = 8, 256
 #: Maximum number of components of the roadmap that such a place is connected to, the nearest first.
 MAX_COMPONENTS = 32
-
-
-NO_CORNERS: Floats = np.empty((0, 2))
 
 
 class Connections:
@@ -53,7 +47,7 @@ class Connections:
 
     def corners(self, node: int) -> Floats:
         """Corners (k, 2) between the place and one of the nodes, in driving order."""
-        return self._corners.get(node, NO_CORNERS)
+        return self._corners.get(node, np.empty((0, 2)))
 
 
 #: No connections yet: find_route then connects the place to the nearest nodes in sight.
@@ -140,13 +134,13 @@ def _find_route(
         if status == FOUND:
             route = _with_corners(route, starts.corners(int(route[1, NODE])), goals.corners(int(route[-2, NODE])))
             break
-        if status in (START_NOT_FREE, GOAL_NOT_FREE):
+        if status == NOT_FREE:
             return None
     else:
         return None
     if not smooth:
         return route
-    route = smoothed(snapshot.world, route, radius)
+    route = smoothed(snapshot.world, rules, route, radius)
     return without_detours(snapshot, request, route, turn)
 
 
@@ -199,12 +193,21 @@ def connect_in_sight(snapshot: BuildingSnapshot, request: PathRequest, place: Pl
     low, high = int(ground.first_node[floor]), int(ground.first_node[floor + 1])
     component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
     grid, lanes = floor_grid(ground, floor), snapshot.lanes(place.floor, request.graph)
-    near = roadmap_connections(grid, lanes, roads.xy, low, high, *place[1:], request.radius, outbound)
-    each = component_connections(grid, lanes, roads.xy, low, high, component, *place[1:], request.radius, outbound)
-    found = dict(zip(each[0].tolist(), each[1].tolist(), strict=True))
-    found.update(zip(near[0].tolist(), near[1].tolist(), strict=True))
+    near, _ = roadmap_connections(grid, lanes, roads.xy, low, high, *place[1:], request.radius, outbound)
+    ties, order = tie_lanes(lanes, *place[1:], request.radius), _by_distance(snapshot, place)
+    each = component_connections(grid, ties, roads.xy, order, component, *place[1:], request.radius, outbound)
+    found = list(dict.fromkeys([*each.tolist(), *near.tolist()]))
     straight = [np.array([place[1:], roads.xy[node]]) for node in found]
-    return Connections(list(found), [_cost_m(request, lanes, points, outbound) for points in straight])
+    return Connections(found, [_cost_m(request, lanes, points, outbound) for points in straight])
+
+
+def _by_distance(snapshot: BuildingSnapshot, place: Place) -> Longs:
+    """The nodes on the floor of a place, nearest first."""
+    roads = snapshot.roads
+    floor = roads.floor_index[place.floor]
+    low, high = int(roads.offset[floor]), int(roads.offset[floor + 1])
+    offset = roads.roads.xy[low:high] - place[1:]
+    return low + np.argsort(np.hypot(offset[:, 0], offset[:, 1]), kind="stable").astype(np.int64)
 
 
 def _cost_m(request: PathRequest, lanes: Floats, points: Floats, outbound: bool) -> float:
@@ -220,10 +223,7 @@ def connect_around_corners(
     """Connect a free place around corners to the nearest nodes and to the nearest node of each component of the
     roadmap. `outbound`: drives lead away from the place. Raises PlanningTimeout after the deadline of `turn`."""
     roads, space = snapshot.roads, snapshot.spaces[place.floor]
-    floor = roads.floor_index[place.floor]
-    low, high = int(roads.offset[floor]), int(roads.offset[floor + 1])
-    xy = roads.roads.xy
-    order = low + np.argsort(np.hypot(xy[low:high, 0] - place.x, xy[low:high, 1] - place.y), kind="stable")
+    xy, order = roads.roads.xy, _by_distance(snapshot, place)
     component = snapshot.components(request.radius, request.avoid_elevators, request.graph)
     graph = snapshot.graph(place.floor, request.radius)
     lanes = tie_lanes(snapshot.lanes(place.floor, request.graph), *place[1:], request.radius)
@@ -265,7 +265,7 @@ def _merged(straight: Connections, around: Connections) -> Connections:
     """Both sets of connections; nodes in sight are connected straight."""
     in_sight = dict(zip(straight.nodes.tolist(), straight.lengths.tolist(), strict=True))
     lengths = in_sight | dict(zip(around.nodes.tolist(), around.lengths.tolist(), strict=True)) | in_sight
-    corners = [NO_CORNERS if node in in_sight else around.corners(node) for node in lengths]
+    corners = [np.empty((0, 2)) if node in in_sight else around.corners(node) for node in lengths]
     return Connections(list(lengths), list(lengths.values()), corners)
 
 
@@ -276,4 +276,4 @@ def _penalize_edges(snapshot: BuildingSnapshot, factor: Floats, nodes: list[int]
     for node in nodes[1:-1]:
         for edge in range(roads.first[node], roads.first[node + 1]):
             if int(roads.to[edge]) in on_route:
-                factor[edge] *= DETOUR_FACTOR
+                factor[edge] *= 1.6

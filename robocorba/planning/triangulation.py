@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.grids import Grid
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Number of steps of the lattice across the frame: products of two differences fit into 64 bits.
 LATTICE = 1 << 30
@@ -90,11 +90,13 @@ def trimmed(mesh: Mesh) -> Mesh:
 def doubled(rows: NDArray) -> NDArray:
     """A copy with room for twice as many rows."""
     copy = np.empty((2 * rows.shape[0], rows.shape[1]), rows.dtype)
-    copy[: rows.shape[0]] = rows
+    for i in range(rows.shape[0]):  # an assignment of the whole takes a second more to compile
+        for k in range(rows.shape[1]):
+            copy[i, k] = rows[i, k]
     return copy
 
 
-@kernel
+@inner_kernel
 def on_lattice(mesh: Mesh, x: float, y: float) -> tuple[int, int]:
     """The nearest point of the lattice within the frame."""
     column = math.floor((x - mesh.frame[0]) / mesh.frame[2] + 0.5)
@@ -133,7 +135,7 @@ def locate(mesh: Mesh, x: int, y: int, hint: int) -> int:
     return here
 
 
-@kernel
+@inner_kernel
 def corner_of(mesh: Mesh, triangle: int, vertex: int) -> int:
     """The number of a vertex among the corners of a triangle."""
     for k in range(3):
@@ -142,7 +144,7 @@ def corner_of(mesh: Mesh, triangle: int, vertex: int) -> int:
     return -1
 
 
-@kernel
+@inner_kernel
 def edge_to(mesh: Mesh, triangle: int, neighbour: int) -> int:
     """The number of the edge that a triangle shares with a neighbour."""
     for k in range(3):
@@ -151,7 +153,7 @@ def edge_to(mesh: Mesh, triangle: int, neighbour: int) -> int:
     return -1
 
 
-@kernel
+@inner_kernel
 def _set_triangle(
     mesh: Mesh, t: int, a: int, b: int, c: int, ab: int, bc: int, ca: int, wall_ab: bool, wall_bc: bool, wall_ca: bool
 ) -> None:
@@ -162,14 +164,14 @@ def _set_triangle(
     mesh.triangle_of[a] = mesh.triangle_of[b] = mesh.triangle_of[c] = t
 
 
-@kernel
+@inner_kernel
 def _relink(mesh: Mesh, triangle: int, old: int, new: int) -> None:
     """Replace a neighbour of a triangle, unless the triangle is -1, beyond the frame."""
     if triangle >= 0:
         mesh.across[triangle, edge_to(mesh, triangle, old)] = new
 
 
-@kernel
+@inner_kernel
 def _flip(mesh: Mesh, t: int, k: int) -> int:
     """Replace edge k of triangle t by the other diagonal: a-d-c in t, d-b-c beyond. Returns the triangle beyond."""
     n = mesh.across[t, k]
@@ -185,7 +187,7 @@ def _flip(mesh: Mesh, t: int, k: int) -> int:
     return n
 
 
-@kernel
+@inner_kernel
 def _in_circle(at: Longs, a: int, b: int, c: int, d: int) -> bool:
     """Whether d lies inside the circle through a, b and c by more than rounding."""
     ax, ay = float(at[a, 0] - at[d, 0]), float(at[a, 1] - at[d, 1])
@@ -218,7 +220,7 @@ def _restore(mesh: Mesh, stack: Longs, height: int) -> None:
             height += 2
 
 
-@kernel
+@inner_kernel
 def insert_vertex(mesh: Mesh, x: int, y: int, hint: int, stack: Longs) -> int:
     """The vertex at a point of the lattice, a new one if there is none; the mesh must have room."""
     t = locate(mesh, x, y, hint)
@@ -265,7 +267,7 @@ def insert_vertex(mesh: Mesh, x: int, y: int, hint: int, stack: Longs) -> int:
     return p
 
 
-@kernel
+@inner_kernel
 def first_of_star(mesh: Mesh, vertex: int) -> int:
     """The first triangle around a vertex: the last one clockwise at the frame, else any."""
     first = here = mesh.triangle_of[vertex]
@@ -276,13 +278,13 @@ def first_of_star(mesh: Mesh, vertex: int) -> int:
         here = before
 
 
-@kernel
+@inner_kernel
 def next_in_star(mesh: Mesh, vertex: int, triangle: int) -> int:
     """The next triangle counter-clockwise around a vertex, -1 at the frame."""
     return mesh.across[triangle, (corner_of(mesh, triangle, vertex) + 2) % 3]
 
 
-@kernel
+@inner_kernel
 def _find_edge(mesh: Mesh, a: int, b: int) -> tuple[int, int]:
     """The triangle and the number of the edge from a to b; (-1, -1) if there is none."""
     first = here = first_of_star(mesh, a)
@@ -295,15 +297,7 @@ def _find_edge(mesh: Mesh, a: int, b: int) -> tuple[int, int]:
             return -1, -1
 
 
-@kernel
-def _mark_wall(mesh: Mesh, a: int, b: int) -> None:
-    for start, end in ((a, b), (b, a)):
-        triangle, k = _find_edge(mesh, start, end)
-        if triangle >= 0:
-            mesh.wall[triangle, k] = True
-
-
-@kernel
+@inner_kernel
 def _along(at: Longs, a: int, b: int, p: int) -> float:
     """Position of vertex p on the line from vertex a to b, as a share of its length: negative if p is not between
     them on the line, 1 for b."""
@@ -317,7 +311,7 @@ def _along(at: Longs, a: int, b: int, p: int) -> float:
     return -1.0
 
 
-@kernel
+@inner_kernel
 def _next_on(mesh: Mesh, a: int, b: int) -> tuple[int, int, int]:
     """From vertex a towards vertex b: the nearest neighbour of a on the line, else the triangle and the edge that
     the line crosses first; (vertex or -1, triangle, edge)."""
@@ -338,7 +332,7 @@ def _next_on(mesh: Mesh, a: int, b: int) -> tuple[int, int, int]:
             return nearest, triangle, edge
 
 
-@kernel
+@inner_kernel
 def insert_wall(mesh: Mesh, a: int, b: int) -> None:
     """Make the line from vertex a to vertex b a wall, as far as no other wall crosses it."""
     for _ in range(mesh.size[1]):
@@ -349,11 +343,14 @@ def insert_wall(mesh: Mesh, a: int, b: int) -> None:
             on = _flip_crossed_edges(mesh, a, b, triangle, edge)
             if on < 0:
                 return
-        _mark_wall(mesh, a, on)
+        for start, end in ((a, on), (on, a)):
+            triangle, edge = _find_edge(mesh, start, end)
+            if triangle >= 0:
+                mesh.wall[triangle, edge] = True
         a = on
 
 
-@kernel
+@inner_kernel
 def _flip_crossed_edges(mesh: Mesh, a: int, b: int, triangle: int, edge: int) -> int:
     """Flip the edges that the line from a to b crosses up to the next vertex on it. Returns that vertex; -1 if one
     of the edges is a wall."""
@@ -404,8 +401,7 @@ def _flip_crossed_edges(mesh: Mesh, a: int, b: int, triangle: int, edge: int) ->
 @kernel
 def insert_walls(mesh: Mesh, segments: Floats, order: Longs, ends: Longs) -> None:
     """Insert segments (n, 4) [m] as walls, their ends in the given order (2n,); ends (2n,) receives their vertices."""
-    stack = np.empty(4096, np.int64)
-    hint = 0
+    stack, hint = np.empty(4096, np.int64), np.int64(0)
     for end in order:
         x, y = on_lattice(mesh, segments[end // 2, 2 * (end % 2)], segments[end // 2, 2 * (end % 2) + 1])
         ends[end] = insert_vertex(mesh, x, y, hint, stack)
@@ -417,8 +413,7 @@ def insert_walls(mesh: Mesh, segments: Floats, order: Longs, ends: Longs) -> Non
 @kernel
 def insert_points(mesh: Mesh, points: Floats) -> None:
     """Insert points (n, 2) [m] as vertices."""
-    stack = np.empty(4096, np.int64)
-    hint = 0
+    stack, hint = np.empty(4096, np.int64), np.int64(0)
     for i in range(points.shape[0]):
         x, y = on_lattice(mesh, points[i, 0], points[i, 1])
         hint = mesh.triangle_of[insert_vertex(mesh, x, y, hint, stack)]

@@ -16,8 +16,6 @@ from contextlib import contextmanager
 
 from robocorba.errors.paths import PlannerBusy, PlanningTimeout
 
-#: Number of queries that compute at the same time.
-AT_ONCE = max(2, os.cpu_count() or 1)
 #: Maximum number of queries that wait.
 MAX_WAITING = 2000
 #: Computing time after which a query lets others go on [s].
@@ -54,7 +52,7 @@ class Turn:
 class Turns:
     """The turns of all queries of a planner."""
 
-    def __init__(self, at_once: int = AT_ONCE) -> None:
+    def __init__(self, at_once: int = max(2, os.cpu_count() or 1)) -> None:
         self._lock = threading.Lock()
         self._free = at_once
         self._numbers = itertools.count()

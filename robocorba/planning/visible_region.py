@@ -21,7 +21,7 @@ from robocorba.planning.triangulation import (
     next_in_star,
     on_lattice,
 )
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Distance beside a ray within which a vertex counts as seen [steps of the lattice].
 SLACK_STEPS = 4.0
@@ -125,7 +125,7 @@ def _is_closed(mesh: Mesh, triangle: int, k: int) -> bool:
     return mesh.across[triangle, k] < 0 or mesh.wall[triangle, k]
 
 
-@kernel
+@inner_kernel
 def _add_seen(vertex: int, stamp: Longs, epoch: int, seen: Longs, count: int) -> int:
     """Add a vertex to those seen, once; returns their number."""
     if stamp[vertex] == epoch:
@@ -135,7 +135,7 @@ def _add_seen(vertex: int, stamp: Longs, epoch: int, seen: Longs, count: int) ->
     return count + 1
 
 
-@kernel
+@inner_kernel
 def _push_edge(
     mesh: Mesh, xy: Floats, triangle: int, k: int, x: float, y: float, edges: Longs, rays: Floats, height: int
 ) -> int:

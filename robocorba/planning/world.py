@@ -9,19 +9,19 @@ import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.grids import Grid
-from robocorba.planning.packing import Packed, numbers, pack, rows
+from robocorba.planning.packing import Packed, pack
 from robocorba.planning.road_rules import LANE_COLUMNS, RoadRules
 from robocorba.planning.roads import MEASURES, RoadmapArrays
 from robocorba.planning.space import FloorSpace, point_is_free
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 
 class Ground(NamedTuple):
-    """Grids, rings and edges with rules of all floors, concatenated.
+    """Grids and rings of all floors, concatenated.
 
     Floor f has frames[f], start[first_cell[f]:first_cell[f + 1]], borders[first_border[f]:first_border[f + 1]],
-    rings[first_ring[f]:first_ring[f + 1]], lanes[first_lane[f]:first_lane[f + 1]], and the nodes
-    first_node[f]:first_node[f + 1]. See FloorSpace for their meaning, and road_rules for lanes."""
+    rings[first_ring[f]:first_ring[f + 1]], and the nodes first_node[f]:first_node[f + 1]. See FloorSpace for their
+    meaning."""
 
     segments: Floats
     start: Longs
@@ -33,8 +33,6 @@ class Ground(NamedTuple):
     rings: Floats
     first_ring: Longs
     inside: Longs
-    lanes: Floats
-    first_lane: Longs
     elevations: Floats
     first_node: Longs
 
@@ -82,38 +80,39 @@ def _firsts(parts: Sequence[Any]) -> Longs:
 @kernel
 def unpack(world: Packed) -> tuple[Ground, RoadmapArrays]:
     """The parts of a packed world, as views."""
+    n, f = world
     ground = Ground(
-        rows(world, 0, 4),
-        numbers(world, 8),
-        numbers(world, 9),
-        rows(world, 1, 5),
-        numbers(world, 10),
-        rows(world, 2, 4),
-        numbers(world, 11),
-        rows(world, 7, 6),
-        numbers(world, 20),
-        numbers(world, 12),
-        rows(world, 3, LANE_COLUMNS),
-        numbers(world, 13),
-        rows(world, 6, 1)[:, 0],
-        numbers(world, 19),
+        f[n[0] : n[1]].reshape((n[1] - n[0]) // 4, 4),
+        n[n[9] : n[10]],
+        n[n[10] : n[11]],
+        f[n[1] : n[2]].reshape((n[2] - n[1]) // 5, 5),
+        n[n[11] : n[12]],
+        f[n[2] : n[3]].reshape((n[3] - n[2]) // 4, 4),
+        n[n[12] : n[13]],
+        f[n[7] : n[8]].reshape((n[8] - n[7]) // 6, 6),
+        n[n[21] : n[22]],
+        n[n[13] : n[14]],
+        f[n[6] : n[7]],
+        n[n[20] : n[21]],
     )
     roads = RoadmapArrays(
-        rows(world, 4, 2),
-        numbers(world, 14),
-        numbers(world, 15),
-        numbers(world, 16),
-        numbers(world, 17),
-        rows(world, 5, MEASURES),
-        numbers(world, 18),
+        f[n[4] : n[5]].reshape((n[5] - n[4]) // 2, 2),
+        n[n[15] : n[16]],
+        n[n[16] : n[17]],
+        n[n[17] : n[18]],
+        n[n[18] : n[19]],
+        f[n[5] : n[6]].reshape((n[6] - n[5]) // MEASURES, MEASURES),
+        n[n[19] : n[20]],
     )
     return ground, roads
 
 
-@kernel
+@inner_kernel
 def packed_rules(world: Packed) -> RoadRules:
     """The rules of a packed world."""
-    return RoadRules(rows(world, 3, LANE_COLUMNS), numbers(world, 13))
+    n, f = world
+    lanes = f[n[3] : n[4]].reshape((n[4] - n[3]) // LANE_COLUMNS, LANE_COLUMNS)
+    return RoadRules(lanes, n[n[14] : n[15]])
 
 
 @kernel
@@ -123,13 +122,7 @@ def floor_grid(ground: Ground, floor: int) -> Grid:
     return Grid(ground.segments, cells, ground.items, ground.frames[floor])
 
 
-@kernel
-def floor_lanes(ground: Ground, floor: int) -> Floats:
-    """The edges of one floor that have rules."""
-    return ground.lanes[ground.first_lane[floor] : ground.first_lane[floor + 1]]
-
-
-@kernel
+@inner_kernel
 def floor_point_is_free(ground: Ground, floor: int, x: float, y: float, radius: float) -> bool:
     """Whether a robot of this radius [m] fits at a point of a floor."""
     borders = ground.borders[ground.first_border[floor] : ground.first_border[floor + 1]]

@@ -6,14 +6,14 @@ import math
 
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.simulation.substeps import STEP_S
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Deceleration by ground friction, of a sliding object and of a braking robot [m/s^2, rad/s^2]: gravity by a Coulomb
 #: friction coefficient of 0.5, our choice.
 BRAKING_M_S2, BRAKING_RAD_S2 = 0.5 * 9.81, 4 * 0.5 * 9.81
 
 
-@kernel
+@inner_kernel
 def share_within(x: float, y: float, limit: float) -> float:
     """The factor that shortens a vector to a length of at most `limit`: 1 if it is no longer."""
     # Square roots, sines and cosines dominate the cost of a step, so skip them where possible.

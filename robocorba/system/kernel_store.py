@@ -1,6 +1,7 @@
-"""The folder of all compiled kernels: where it is, what belongs there, and what is complete.
+"""The folder of compiled kernels: where it is, for which sources, and whether all are there.
 
-A kernel has files of its own, named by its digest, so versions and checkouts share what they have in common.
+numba's own cache notices a changed kernel by the file that defines it, not by the functions, constants and types that
+it is compiled from. So all kernels of one version are in a folder of their own, named by a digest of all these files.
 """
 
 from __future__ import annotations
@@ -9,145 +10,114 @@ import contextlib
 import fcntl
 import functools
 import hashlib
-import json
 import logging
 import os
 import platform
+import re
 import shutil
 import sys
 import tempfile
 import time
-import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import platformdirs
 
-from robocorba.system.kernel_digests import DIGITS, KernelSource, kernel_sources, sources_digest
 from robocorba.system.private_files import exposure, make_folder
 
 #: How kernels are compiled. Division by zero yields inf or NaN, as in numpy: a kernel that can raise costs reference
-#: counting for all arrays in each call.
-OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy"}
-#: Packages whose versions kernels depend on.
-COMPILER = ("numba", "llvmlite", "numpy")
-#: Maximum number of files, some 250 MB; one version of RoboCorba has 700.
-MAX_FILES = 5_000
-#: Locks: of the process that writes a kernel, and of the one that compiles all.
-WRITING, COMPILING = LOCKS = ("writing.lock", "compiling.lock")
-#: Time to compile a kernel, without those that it calls: about this [s], and this for each character of its syntax tree
-#: and theirs.
-BASE_S, S_PER_SIZE = 0.15, 2.2e-5
-#: Interval between attempts to lock a file [s].
-_INTERVAL_S = 0.01
+#: counting for all arrays in each call. Nothing calls them as C functions.
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+#: Maximum number of versions in the folder, 17 MB each.
+MAX_VERSIONS = 7
+_KERNEL = re.compile(r"^@kernel\ndef (\w+)(.*?)(?=\n\n\n|\Z)", re.DOTALL | re.MULTILINE)
+_IMPORT = re.compile(r"^\s*from (\S+) import (\([^)]*\)|[^\n]*)|^\s*import (\S+)", re.MULTILINE)
+#: What is removed: versions, and files and folders of former releases.
+_OURS = re.compile(r"[0-9a-f]{16,20}|(sources|complete)-.*\.json|.*\.nb[ic]")
 
 _log = logging.getLogger(__name__)
 
 
 class KernelStore:
-    """The kernels of the package in the folder `root`, on disk in `folder`; None if no folder is writable."""
+    """The kernels of the package in the folder `root`, on disk in a folder within `cache`; None if none is writable."""
 
-    def __init__(self, root: Path, folder: Path | None) -> None:
-        self._root, self.folder = root, folder
+    def __init__(self, root: Path, cache: Path | None) -> None:
+        self._root, self._cache = root, cache
+        digest = hashlib.sha256(f"{root.resolve()} {OPTIONS} {_compiler()} {_processor()}".encode())
+        for path in sources(root):
+            digest.update(f"{path.relative_to(root)}\0".encode() + path.read_bytes())
+        self.folder = cache / digest.hexdigest()[:20] if cache else None
 
     @functools.cached_property
-    def sources(self) -> dict[str, KernelSource]:
-        """The source of each kernel, such as "robocorba.map_editor.spatial.grids.row_of"."""
-        environment = f"{OPTIONS} {self._compiler}"
-        name = f"sources-{_digest(self._all_sources, environment)}.json"
-        with contextlib.suppress(OSError, ValueError, TypeError):  # it takes half a second to read them
-            if self.folder:
-                known = json.loads((self.folder / name).read_text())
-                os.utime(self.folder / name)
-                return {kernel: KernelSource(*source) for kernel, source in known.items()}
-        found = kernel_sources(self._root, environment)
-        self._write(name, found)
+    def _sizes(self) -> dict[str, int]:
+        found: dict[str, int] = {}
+        for path in sources(self._root):
+            module = ".".join(path.relative_to(self._root.parent).with_suffix("").parts)
+            found |= {f"{module}.{name}": len(text) for name, text in _KERNEL.findall(path.read_text())}
         return found
 
     @property
-    def missing(self) -> list[str]:
-        """The kernels that have not been compiled on this machine for any signature."""
-        files = [path.name for path in self.folder.glob("*.nbi")] if self.folder else []
-        known = {digest for name in files for digest in name.split(".py")[0].split("-")[-1:]}
-        return [name for name, source in self.sources.items() if source.digest not in known]
+    def missing(self) -> dict[str, int]:
+        """The kernels, such as "robocorba.planning.world.unpack", that have not been compiled for any signature, and
+        the size of each [characters]."""
+        files = self.folder.glob("*/*.nbi") if self.folder else ()
+        compiled = {f"{path.parent.name.rpartition('_')[0]}.{path.name.split('-')[0]}" for path in files}
+        return {name: size for name, size in self._sizes.items() if ".".join(name.split(".")[-3:]) not in compiled}
 
     @property
     def is_complete(self) -> bool:
         """Whether all kernels of this version have been compiled on this machine. Does not load the compiler."""
-        try:
-            os.utime(self._completed)
-        except OSError:
+        if not self.folder or not (self.folder / "complete").exists():
             return False
+        with contextlib.suppress(OSError):
+            os.utime(self.folder)
         return True
 
-    def set_complete(self, seconds: dict[str, float]) -> None:
-        """All kernels are compiled; `seconds` each took [s], for those that were not there before."""
-        self._write(self._completed.name, self.expected_seconds() | seconds)
-        self.remove_old()
-
-    def expected_seconds(self) -> dict[str, float]:
-        """About how long each kernel takes to compile [s]: what it took for the version that was completed last, else
-        an estimate from its size."""
-        expected = {name: BASE_S + source.size * S_PER_SIZE for name, source in self.sources.items()}
-        for path in sorted(self.folder.glob("complete-*.json") if self.folder else (), key=_used_at):
-            with contextlib.suppress(OSError, ValueError, AttributeError):
-                known = json.loads(path.read_text()).items()
-                expected |= {name: float(seconds) for name, seconds in known if name in expected}
-        return expected
-
-    def remove_old(self) -> None:
-        """Remove what was used longest ago, beyond MAX_FILES. A kernel's files are used together. Those of this version
-        come last: by a clock that was set back, they may seem to be the oldest."""
-        if not self.folder:
+    def set_complete(self) -> None:
+        """All kernels are compiled. Removes the versions that were used longest ago, beyond MAX_VERSIONS."""
+        if not self._cache or not self.folder:
             return
-        ours = {source.digest for source in self.sources.values()}
-        groups: dict[str, list[Path]] = {}
-        for path in self.folder.iterdir():
-            if path.name in LOCKS:
-                continue
-            groups.setdefault(path.name.partition(".py")[0], []).append(path)
-        count = 0
-        for _, _, _, paths in sorted(
-            (
-                (name.rpartition("-")[2] in ours, max(map(_used_at, paths)), name, paths)
-                for name, paths in groups.items()
-            ),
-            reverse=True,
-        ):
-            count += len(paths)
-            if count > MAX_FILES:
-                for path in paths:
-                    shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
-
-    @functools.cached_property
-    def _all_sources(self) -> str:
-        return sources_digest(self._root)
-
-    @functools.cached_property
-    def _compiler(self) -> str:
-        versions = [f"{package} {metadata.version(package)}" for package in COMPILER]
-        return " ".join([f"Python {sys.version_info[0]}.{sys.version_info[1]}", *versions])
-
-    @property
-    def _completed(self) -> Path:
-        key = _digest(self._all_sources, f"{OPTIONS} {self._compiler} {_processor()}")
-        return (self.folder or Path("nowhere")) / f"complete-{key}.json"
-
-    def _write(self, name: str, content: object) -> None:
-        """Write a file at once: others may read it meanwhile. Without a folder, or on a full disk, do nothing."""
-        if self.folder:
-            new = self.folder / f"{name}.tmp.{uuid.uuid4().hex}"
-            with contextlib.suppress(OSError):
-                new.write_text(json.dumps(content))
-                new.replace(self.folder / name)
+        with contextlib.suppress(OSError):  # on a full disk the next start looks for them again
+            make_folder(self.folder)
+            (self.folder / "complete").touch()
+            found = [path for path in self._cache.iterdir() if _OURS.fullmatch(path.name) and path != self.folder]
+            versions = sorted((path for path in found if path.is_dir()), key=_used_at, reverse=True)
+            for path in found:
+                if path not in versions:
+                    path.unlink(missing_ok=True)
+            for path in versions[MAX_VERSIONS - 1 :]:
+                shutil.rmtree(path, ignore_errors=True)
 
 
 @functools.lru_cache
 def store() -> KernelStore:
     """The kernels of RoboCorba, in NUMBA_CACHE_DIR, else in the user's cache folder."""
     return KernelStore(Path(__file__).parents[1], cache_folder())
+
+
+def sources(root: Path) -> list[Path]:
+    """The modules of a package that define kernels, and those of the package that they import, directly or not."""
+    written = (path for path in root.rglob("*.py") if path.relative_to(root).parts[0] != "stubs")
+    waiting = [path for path in written if "\n@kernel\n" in path.read_text()]
+    found = set(waiting)
+    while waiting:
+        for module, names, plain in _IMPORT.findall(waiting.pop().read_text()):
+            submodules = [f"{module}.{name}" for name in re.findall(r"\w+", names)]
+            for path in filter(None, (_path(root, name) for name in (module or plain, *submodules))):
+                if path not in found:
+                    found.add(path)
+                    waiting.append(path)
+    return sorted(found)
+
+
+def _path(root: Path, module: str) -> Path | None:
+    """The file of a module of the package; None for other modules and names."""
+    package, *names = module.split(".")
+    path = root.joinpath(*names)
+    files = (path / "__init__.py", path.with_suffix(".py")) if package == root.name else ()
+    return next((file for file in files if file.is_file()), None)
 
 
 def cache_folder() -> Path | None:
@@ -169,12 +139,16 @@ def cache_folder() -> Path | None:
                 continue
             with tempfile.TemporaryFile(dir=folder):
                 return folder
+    _log.warning("compiled kernels are not kept: no folder is writable (%s)", ", ".join(map(str, folders)))
     return None
 
 
 @contextlib.contextmanager
-def lock(path: Path, limit_s: float) -> Iterator[None]:
-    """Hold a lock between processes; without it after `limit_s` [s], or where the file system has no locks."""
+def lock(
+    path: Path, limit_s: float, interval_s: float = 0.01, meanwhile: Callable[[], None] = lambda: None
+) -> Iterator[None]:
+    """Hold a lock between processes; without it after `limit_s` [s], or where the file system has no locks. Tries at
+    intervals [s], and calls `meanwhile` before each."""
     deadline = time.monotonic() + limit_s
     with path.open("a") as file:
         while True:
@@ -184,8 +158,14 @@ def lock(path: Path, limit_s: float) -> Iterator[None]:
             except OSError as error:
                 if not isinstance(error, BlockingIOError) or time.monotonic() > deadline:
                     break
-            time.sleep(_INTERVAL_S)
+            meanwhile()
+            time.sleep(interval_s)
         yield
+
+
+def _compiler() -> str:
+    versions = [f"{package} {metadata.version(package)}" for package in ("numba", "llvmlite", "numpy")]
+    return " ".join([f"Python {sys.version_info[0]}.{sys.version_info[1]}", *versions])
 
 
 def _processor() -> str:
@@ -194,10 +174,6 @@ def _processor() -> str:
         first = Path("/proc/cpuinfo").read_text().partition("\n\n")[0].splitlines()
         return "\n".join(line for line in first if line.startswith(("model name", "flags", "Features", "CPU ")))
     return platform.processor()
-
-
-def _digest(*parts: str) -> str:
-    return hashlib.sha256("\n".join(parts).encode()).hexdigest()[:DIGITS]
 
 
 def _used_at(path: Path) -> float:

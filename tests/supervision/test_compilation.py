@@ -1,60 +1,84 @@
-"""Kernels are compiled by several processes, once on a machine."""
+"""Kernels are compiled once on a machine, by one process."""
 
 from __future__ import annotations
 
-import functools
+import contextlib
 import logging
-import os
+import subprocess
+import sys
 from pathlib import Path
 
 import psutil
 import pytest
 
-from robocorba.commands.compiling import LINE_INTERVAL_S, TITLE, Lines, text_of
-from robocorba.system import kernel_cache
-from robocorba.system.kernel_store import KernelStore
-from robocorba.system.supervision import compilation, compile_worker
-from robocorba.system.supervision.compilation import CompilationProgress, Progress, compile_kernels, worker_count
-from testkit.processes import is_running
+from robocorba.commands.compiling import LINE_INTERVAL_S, TITLE, Lines
+from robocorba.system.kernel_store import KernelStore, lock
+from robocorba.system.supervision import compilation
+from robocorba.system.supervision.compilation import Progress, compile_kernels
+from testkit.processes import eventually, is_running
 
 ROOT = Path(__file__).parents[2]
-SOURCE = "@kernel\ndef first(x):\n    return x\n\n\n@kernel\ndef second(x):\n    return first(x)\n"
+SOURCE = "\n@kernel\ndef first(x):\n    return x\n\n\n@kernel\ndef second(x):\n    return first(x)\n"
 
 
 @pytest.fixture
 def kernels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> KernelStore:
-    """Those of a package of two kernels, which stand-ins compile."""
+    """Those of a package of two kernels, which a stand-in compiles."""
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     monkeypatch.setenv("COMPILE_AS", "well")
     monkeypatch.setattr(compilation, "WORKER", "tests.supervision.compiling_program")
-    monkeypatch.setattr(compilation, "worker_count", lambda kernels: 2)
     for folder in ("house", "cache", "logs"):
         (tmp_path / folder).mkdir()
     (tmp_path / "house" / "grids.py").write_text(SOURCE)
-    return KernelStore(tmp_path / "house", tmp_path / "cache")
+    kernels = KernelStore(tmp_path / "house", tmp_path / "cache")
+    monkeypatch.setenv("KERNELS", str(kernels.folder))
+    return kernels
+
+
+def fail(progress: Progress) -> None:
+    pytest.fail(f"it compiles {progress}")
 
 
 def test_all_are_compiled_once(tmp_path: Path, kernels: KernelStore) -> None:
-    seen: list[CompilationProgress] = []
-    assert compile_kernels(seen.append, tmp_path / "logs", kernels)
-    assert seen[0] == CompilationProgress(0, 2, 0.0, None)
-    assert seen[-1] == CompilationProgress(2, 2, 1.0, 0.0)
+    seen: list[str] = []
+    assert compile_kernels(lambda progress: seen.append(str(progress)), tmp_path / "logs", kernels)
+    assert seen[0] == "0 of 2"
     assert kernels.is_complete
-    assert kernels.expected_seconds() == {"house.grids.first": 4.0, "house.grids.second": 0.5}  # by two processes
-    seen.clear()
-    assert compile_kernels(seen.append, tmp_path / "logs", kernels)
-    assert not seen
+    assert compile_kernels(fail, tmp_path / "logs", kernels)
 
 
-def test_nothing_is_started_if_only_others_have_changed(tmp_path: Path, kernels: KernelStore) -> None:
-    assert kernels.folder
-    for source in kernels.sources.values():
-        (kernels.folder / f"grids-{source.digest}.py311.nbi").touch()
-    assert compile_kernels(pytest.fail, tmp_path / "logs", kernels)
-    assert kernels.is_complete
+def test_who_waits_for_another_process_reports_its_progress_and_compiles_nothing(
+    tmp_path: Path, kernels: KernelStore
+) -> None:
+    folder = kernels.folder
+    assert folder
+    part = folder / "house_0"
+    part.mkdir(parents=True)
+    other = contextlib.ExitStack()
+    other.enter_context(lock(folder.parent / "compiling.lock", 60.0))
+    seen: list[str] = []
+
+    def report(progress: Progress) -> None:
+        if len(seen) == 1:
+            (part / "grids.first-1.py311.nbi").touch()
+        if len(seen) == 3:
+            kernels.set_complete()
+            other.close()
+        seen.append(str(progress).partition(",")[0])
+
+    assert compile_kernels(report, tmp_path / "logs", kernels)
+    assert seen[:4] == ["0 of 2", "0 of 2", "1 of 2", "1 of 2"]
+    assert not list((tmp_path / "logs").iterdir())
 
 
-@pytest.mark.parametrize(("way", "reason"), [("fail", "exit code 1 (out of memory)"), ("wait", "not compiled after")])
+@pytest.mark.parametrize(
+    ("way", "reason"),
+    [
+        ("fail", "exit code 1 (out of memory)"),
+        ("wait", "not compiled after"),
+        ("on a full disk", "1 compiled kernels can't be kept"),
+    ],
+)
 def test_a_failure_is_reported_and_nothing_is_complete(
     tmp_path: Path,
     kernels: KernelStore,
@@ -72,95 +96,81 @@ def test_a_failure_is_reported_and_nothing_is_complete(
     assert not kernels.is_complete
 
 
-def test_an_interrupt_ends_the_processes(tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_ends_the_process(tmp_path: Path, kernels: KernelStore, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COMPILE_AS", "wait")
     others = psutil.Process().children(recursive=True)  # of earlier tests
     children: list[psutil.Process] = []
 
-    def interrupt(progress: CompilationProgress) -> None:
+    def interrupt(progress: Progress) -> None:
         children.extend(set(psutil.Process().children(recursive=True)).difference(others))
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         compile_kernels(interrupt, tmp_path / "logs", kernels)
-    assert len(children) >= 2
+    assert children
     assert not any(map(is_running, children))
     assert not kernels.is_complete
 
 
-def test_progress_by_the_expected_times_and_its_text() -> None:
+def test_progress_and_its_text() -> None:
     now = [100.0]
-    progress = Progress({"a": 6.0, "b": 3.0, "c": 1.0}, 2, lambda: now[0])
-    assert progress.now == CompilationProgress(0, 3, 0.0, None)
-    progress.read("ready\n")
-    assert progress.now.seconds_left == pytest.approx(5.0)  # as expected of two processes
-    now[0] += 5.0
-    progress.read("ready\n")  # the second process begins
-    assert progress.now.seconds_left == pytest.approx(55.0)
-    now[0] += 7.0
-    progress.read("a 4.5\n")
-    assert progress.now == CompilationProgress(1, 3, 0.6, pytest.approx(12.5 / 0.7 * 0.4))
-    progress.read("a 1.25\n")  # for another signature
-    progress.read("elsewhere 3.0\n")
-    assert progress.now.done == 1
-    assert progress.seconds["a"] == 5.75
-    for name in "bc":
-        progress.read(f"{name} 1\n")
-    assert progress.now == CompilationProgress(3, 3, 1.0, 0.0)
-    assert Progress({}).now == CompilationProgress(0, 0, 1.0, None)
-    assert text_of(CompilationProgress(0, 136, 0.0, None)) == "0 of 136"
-    assert text_of(CompilationProgress(45, 136, 0.4, 20.4)) == "45 of 136, about 20 s left"
-    now, lines = [0.0], list[str]()  # where there is no terminal
-    writer = Lines(lines.append, lambda: now[0])
-    for done in range(3):
-        writer.report(CompilationProgress(done, 3, done / 3, None))
-        now[0] += LINE_INTERVAL_S / 2
-    assert lines == [f"{TITLE}: 0 of 3", f"{TITLE}: 2 of 3"]
+    progress = Progress({"a": 600, "b": 350, "c": 50}, lambda: now[0])
+    now[0] += 10.0
+    progress.update({"a", "b"})
+    assert (progress.share, str(progress)) == (0.05, "1 of 3")
+    now[0] += 20.0
+    progress.update({"b", "elsewhere"})
+    assert (progress.share, str(progress)) == (0.65, "2 of 3, about 16 s left")
+    assert str(Progress({})) == "0 of 0, about 1 s left"
+    later, lines = [0.0], list[str]()  # where there is no terminal
+    writer = Lines(lines.append, lambda: later[0])
+    for missing in ({"b"}, {"b"}, set[str]()):
+        progress.update(missing)
+        writer.report(progress)
+        later[0] += LINE_INTERVAL_S / 2
+    assert lines == [f"{TITLE}: 2 of 3, about 16 s left", f"{TITLE}: 3 of 3, about 1 s left"]
 
 
-def test_workers_share_the_steps(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    def count(cores: int, gigabytes: float, kernels: int) -> int:
-        monkeypatch.setattr(os, "sched_getaffinity", lambda process: set(range(cores)))
-        memory = type("Memory", (), {"available": int(gigabytes * 1e9)})
-        monkeypatch.setattr(psutil, "virtual_memory", lambda: memory)
-        return worker_count(kernels)
+HALVES = """
+import os, sys, time
+from robocorba.system.supervision import compile_worker
 
-    assert count(2, 8.0, 136) == 2
-    assert count(64, 64.0, 136) == compilation.MAX_WORKERS
-    assert count(4, 1.3, 136) == 2
-    assert count(1, 0.1, 136) == 1
-    assert count(8, 8.0, 3) == 3
-    done: list[str] = []
+def write(text):
+    os.write(1, f"{{text}}\\n".encode())
 
-    def begin_second() -> None:
-        done.append("first")
-        compile_worker.main(str(tmp_path))
+def wait():
+    write(os.getpid())
+    time.sleep(600.0)
 
-    names = list(compile_worker.STEPS)  # large steps come first, and what needs them last
-    assert (names[0], names[-1]) == ("drives", "all queries")
-    monkeypatch.setattr(kernel_cache, "shared_work", None)  # restored at the end
-    others = {name: functools.partial(done.append, name) for name in ("second", "third")}
-    monkeypatch.setattr(compile_worker, "STEPS", {"first": begin_second, **others})
-    compile_worker.main(str(tmp_path))
-    assert done == ["first", "second", "third"]
+compile_worker.STEPS = {steps}
+compile_worker.main()
+"""
 
 
-def test_a_worker_prints_what_it_compiles(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    import numba
-    from numba.core import event
+def run_halves(steps: str) -> subprocess.Popen[str]:
+    command = [sys.executable, "-c", HALVES.format(steps=steps)]
+    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
-    def inner(x):
-        return x + 1
 
-    called = numba.njit(inner)
+def test_each_half_does_its_steps() -> None:
+    output, _ = run_halves("((lambda: write('one'),), (lambda: write('two'), lambda: write('three')))").communicate(
+        timeout=120.0
+    )
+    assert sorted(output.split()) == ["one", "three", "two"]
 
-    def outer(x):
-        return called(x)
 
-    dispatcher = numba.njit(outer)
-    for each, name in ((called, "0a"), (dispatcher, "0b")):
-        each._cache = kernel_cache.KernelCache(each.py_func, tmp_path, name)
-    with event.install_listener("numba:compile", compile_worker.Listener()):
-        assert dispatcher(1) == 2
-    names = [line.rpartition(" ")[0].rpartition(".")[2] for line in capsys.readouterr().out.splitlines()]
-    assert names == ["inner", "outer"]
+@pytest.mark.parametrize("steps", ["((lambda: sys.exit(3),), ())", "((), (lambda: sys.exit(3),))"])
+def test_it_fails_when_a_half_does(steps: str) -> None:
+    worker = run_halves(steps)
+    worker.communicate(timeout=120.0)
+    assert worker.returncode
+
+
+def test_both_halves_end_when_it_is_killed() -> None:
+    with run_halves("((wait,), (wait,))") as worker:
+        assert worker.stdout
+        pids = [int(worker.stdout.readline()) for _ in range(2)]
+        halves = [psutil.Process(pid) for pid in pids]
+        worker.kill()
+        assert worker.pid in pids
+        eventually(lambda: not any(map(is_running, halves)))

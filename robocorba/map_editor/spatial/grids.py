@@ -14,7 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 
 class Grid(NamedTuple):
@@ -58,18 +58,12 @@ def build_grid(segments: Floats, frame: Floats | None = None) -> Grid:
 @kernel
 def segments_by_cell(segments: Floats, frame: Floats) -> tuple[Longs, Longs]:
     """start and items of a grid over segments, by counting sort: the first pass counts, the second fills in."""
-    count = zero_counts(frame)
+    count = np.zeros(int(frame[3]) * int(frame[4]), np.int64)
     _fill_segments(segments, frame, count, np.empty(0, np.int64))
     start = cell_starts(count)
     items = np.empty(start[-1], np.int64)
     _fill_segments(segments, frame, start[:-1].copy(), items)
     return start, items
-
-
-@kernel
-def zero_counts(frame: Floats) -> Longs:
-    """A counter for each cell, all zero."""
-    return np.zeros(int(frame[3]) * int(frame[4]), np.int64)
 
 
 @kernel
@@ -108,7 +102,7 @@ def span(ax: float, ay: float, bx: float, by: float, low: float, high: float) ->
     return min(first, last), max(first, last)
 
 
-@kernel
+@inner_kernel
 def _fill_segments(segments: Floats, frame: Floats, position: Longs, items: Longs) -> None:
     """Count the segments of each cell (items empty), or write them from `position` on."""
     columns = int(frame[3])

@@ -92,25 +92,20 @@ def path(value: Path) -> Any:
 
 def path_of(struct: Any) -> Path:
     """The path of a Path struct."""
-    floors, nodes, elevators = _Index(), _Index(), _Index()
+    floors: dict[str, int] = {}
+    nodes: dict[str, int] = {}
+    elevators: dict[str, int] = {}
     rows = [
         [
             _POINT_KIND.from_idl(s.kind).value,
-            nodes(s.node),
-            floors(s.position.floor),
+            nodes.setdefault(s.node, len(nodes)),
+            floors.setdefault(s.position.floor, len(floors)),
             *(s.position.x, s.position.y, s.heading, s.distance, s.time),
-            elevators(s.elevator),
+            elevators.setdefault(s.elevator, len(elevators)),
         ]
         for s in struct.points
     ]
     return Path(rows, IndexedNames(list(floors), list(nodes), list(elevators)), struct.mapVersion)
-
-
-class _Index(dict[str, int]):
-    """Numbers names in the order of their first use."""
-
-    def __call__(self, name: str) -> int:
-        return self.setdefault(name, len(self))
 
 
 def _avoided_areas(texts: Iterable[str]) -> tuple[tuple[str, str], ...]:

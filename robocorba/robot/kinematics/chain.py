@@ -15,7 +15,7 @@ from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.robot.kinematics.model import links
 from robocorba.robot.kinematics.pose import rotation_of
 from robocorba.robot.kinematics.smartpal import ARM, JOINTS, LUMBAR, Side
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Weight of a rotation in the error: one radian counts as this distance [m].
 ROTATION_WEIGHT_M = 0.3
@@ -56,22 +56,28 @@ def chains() -> Chains:
 def locate(chains: Chains, hand: int, joints: Floats, lines: Floats) -> tuple[Floats, Floats]:
     """Position (3,) [m] and rotation (3, 3) of a hand. `lines` (9, 6) is an output: present
     direction and a point of each of its joints."""
-    turn, shift, rotation = np.eye(3), np.zeros(3), np.empty((3, 3))
+    turn, shift, rotation = np.zeros((3, 3)), np.zeros(3), np.empty((3, 3))
+    turn[0, 0] = turn[1, 1] = turn[2, 2] = 1.0
     for i in range(chains.order.shape[1]):
         joint = chains.order[hand, i]
-        direction = _turned(turn, chains.axes[joint])
-        anchor = _turned(turn, chains.anchors[joint]) + shift
+        direction, anchor = _turned(turn, chains.axes[joint]), _turned(turn, chains.anchors[joint])
         for k in range(3):
+            anchor[k] += shift[k]
             lines[i, k], lines[i, 3 + k] = direction[k], anchor[k]
         # The rotation about the joint's axis (Rodrigues' formula).
         a, b, c = chains.axes[joint]
         s, v = math.sin(joints[joint]), 1.0 - math.cos(joints[joint])
-        rotation[0] = 1 - v * (b * b + c * c), v * a * b - s * c, v * a * c + s * b
-        rotation[1] = v * a * b + s * c, 1 - v * (a * a + c * c), v * b * c - s * a
-        rotation[2] = v * a * c - s * b, v * b * c + s * a, 1 - v * (a * a + b * b)
+        rotation[0, 0], rotation[0, 1], rotation[0, 2] = 1 - v * (b * b + c * c), v * a * b - s * c, v * a * c + s * b
+        rotation[1, 0], rotation[1, 1], rotation[1, 2] = v * a * b + s * c, 1 - v * (a * a + c * c), v * b * c - s * a
+        rotation[2, 0], rotation[2, 1], rotation[2, 2] = v * a * c - s * b, v * b * c + s * a, 1 - v * (a * a + b * b)
         turn = _product(turn, rotation)
-        shift = anchor - _turned(turn, chains.anchors[joint])
-    return _turned(turn, chains.positions[hand]) + shift, _product(turn, chains.attitudes[hand])
+        offset = _turned(turn, chains.anchors[joint])
+        for k in range(3):
+            shift[k] = anchor[k] - offset[k]
+    position = _turned(turn, chains.positions[hand])
+    for k in range(3):
+        position[k] += shift[k]
+    return position, _product(turn, chains.attitudes[hand])
 
 
 @kernel
@@ -107,7 +113,10 @@ def solve_pose(
             if weights[hand, 0] or weights[hand, 1]:
                 at = slice(6 * hand, 6 * hand + 6)
                 _linearise(chains, hand, joints, positions, attitudes, weights, free, error[at], jacobian[at])
-        residual = math.sqrt((error * error).sum())
+        square = 0.0
+        for k in range(12):
+            square += error[k] * error[k]
+        residual = math.sqrt(square)
         if residual < TOLERANCE_M or not math.isfinite(residual):  # not if a joint of the seed is no number
             break
         steps_without_progress += 1
@@ -121,13 +130,15 @@ def solve_pose(
             min_step[i], max_step[i] = lower[joint] - joints[joint], upper[joint] - joints[joint]
             pull[i] = 0.2 * min(residual, 1.0) * (comfort[joint] - joints[joint])
         step = _step(jacobian, error, damping, pull, min_step, max_step)
-        longest = max(max_step_rad, np.abs(step).max())
+        longest = max_step_rad
+        for i in range(count):
+            longest = max(longest, abs(step[i]))
         for i in range(count):
             joints[free[i]] += step[i] * max_step_rad / longest
     return residual
 
 
-@kernel
+@inner_kernel
 def _linearise(
     chains: Chains,
     hand: int,
@@ -166,13 +177,14 @@ def _linearise(
                 jacobian[2, i], jacobian[5, i] = move * (a * y - b * x), turn_weight * c
 
 
-@kernel
+@inner_kernel
 def _step(jacobian: Floats, error: Floats, damping: float, pull: Floats, min_step: Floats, max_step: Floats) -> Floats:
     """The step between `min_step` and `max_step` that reduces the error most, and approaches `pull` in the null space.
     A joint that reaches its limit stays there, and the others compensate."""
     count, rows = len(pull), len(error)
-    normal, wanted = np.empty((count, count)), damping * pull
+    normal, wanted = np.empty((count, count)), np.empty(count)
     for i in range(count):
+        wanted[i] = damping * pull[i]
         for k in range(rows):
             wanted[i] += jacobian[k, i] * error[k]
         for j in range(i + 1):
@@ -182,19 +194,8 @@ def _step(jacobian: Floats, error: Floats, damping: float, pull: Floats, min_ste
             normal[i, j] = normal[j, i] = total
     step, stopped, beyond = np.empty(count), np.zeros(count, np.bool_), True
     while beyond:  # at most once for each joint, and once more
-        # Gaussian elimination without pivoting: `normal` is positive definite.
-        rest, beyond = normal.copy(), False
-        step[:] = wanted
-        for i in range(count):
-            for j in range(i + 1, count):
-                share = rest[j, i] / rest[i, i]
-                step[j] -= share * step[i]
-                for k in range(i + 1, count):
-                    rest[j, k] -= share * rest[i, k]
-        for i in range(count - 1, -1, -1):
-            for k in range(i + 1, count):
-                step[i] -= rest[i, k] * step[k]
-            step[i] /= rest[i, i]
+        _solve(normal, wanted, step)
+        beyond = False
         for i in range(count):
             if not stopped[i] and (step[i] < min_step[i] or step[i] > max_step[i]):
                 step[i] = min(max(step[i], min_step[i]), max_step[i])
@@ -207,7 +208,32 @@ def _step(jacobian: Floats, error: Floats, damping: float, pull: Floats, min_ste
     return step
 
 
-@kernel
+@inner_kernel
+def _solve(matrix: Floats, right: Floats, solution: Floats) -> None:
+    """Set `solution` (n,) so that a symmetric, positive definite matrix times it is `right` (Cholesky). LAPACK takes as
+    long, and its interface to Python compiles for longer than the rest of this module."""
+    count = len(right)
+    lower = np.empty((count, count))
+    for i in range(count):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= lower[i, k] * lower[j, k]
+            lower[i, j] = math.sqrt(total) if i == j else total / lower[j, j]
+    for i in range(count):
+        total = right[i]
+        for k in range(i):
+            total -= lower[i, k] * solution[k]
+        solution[i] = total / lower[i, i]
+    for back in range(count):
+        i = count - 1 - back
+        total = solution[i]
+        for k in range(i + 1, count):
+            total -= lower[k, i] * solution[k]
+        solution[i] = total / lower[i, i]
+
+
+@inner_kernel
 def _turned(turn: Floats, vector: Floats) -> Floats:
     x, y, z = vector
     found = np.empty(3)
@@ -216,7 +242,7 @@ def _turned(turn: Floats, vector: Floats) -> Floats:
     return found
 
 
-@kernel
+@inner_kernel
 def _product(one: Floats, other: Floats) -> Floats:
     """Product of two matrices (3, 3); BLAS would take ten times as long."""
     found = np.empty((3, 3))

@@ -16,7 +16,7 @@ import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.grids import Grid, column_of, row_of
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Maximum error of `direction` [rad].
 SLACK_RAD = 1e-3
@@ -135,7 +135,7 @@ def shorten(grid: Grid, cell: int, visited: Longs, scan: int, eye: Eye, rays: Fl
             last2 = -1
 
 
-@kernel
+@inner_kernel
 def shorten_by_disc(px: float, py: float, radius: float, eye: Eye, rays: Floats) -> None:
     """Shorten rays (3, n) to a disc around p."""
     square = px * px + py * py
@@ -152,7 +152,7 @@ def shorten_by_disc(px: float, py: float, radius: float, eye: Eye, rays: Floats)
                 rays[2, k] = min(rays[2, k], along - math.sqrt(inside))
 
 
-@kernel
+@inner_kernel
 def is_hidden(lx: float, ly: float, hx: float, hy: float, eye: Eye, rays: Floats) -> bool:
     """Whether no ray (3, n) reaches the box from (lx, ly) to (hx, hy), relative to the sensor and outside of it."""
     if max(eye.ahead_x * lx, eye.ahead_x * hx) + max(eye.ahead_y * ly, eye.ahead_y * hy) < -BEHIND_M:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.simulation.sensing.scan import Noise
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Constants of SplitMix64 (Steele, Lea and Flood, 2014).
 _STEP, _MIX_1, _MIX_2 = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -23,7 +23,7 @@ def disturb(noise: Noise, distances: Floats, range_m: float, seed: int, robots: 
     return _disturb(distances, range_m, sigma_m, relative, lost, np.uint64(seed), keys)
 
 
-@kernel
+@inner_kernel
 def _mixed(state: np.uint64) -> np.uint64:
     """Pseudo-random number of a state, by SplitMix64."""
     state = (state ^ (state >> _30)) * _MIX_1

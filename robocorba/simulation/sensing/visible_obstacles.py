@@ -16,11 +16,10 @@ from robocorba.map_editor.spatial.grids import (
     frame_over,
     row_of,
     segments_of,
-    zero_counts,
 )
 from robocorba.simulation.sensing.casting import ObstacleGrids, cast
 from robocorba.simulation.sensing.fan import Fan
-from robocorba.system.kernels import kernel
+from robocorba.system.kernels import inner_kernel, kernel
 
 #: Number in place of a robot's for a sensor that is not mounted on a robot.
 NO_ROBOT = -1
@@ -92,7 +91,7 @@ class VisibleObstacles:
 @kernel
 def discs_by_cell(discs: Floats, frame: Floats) -> tuple[bool, Longs, Longs]:
     """Whether a frame covers all discs (n, 4) of x, y, radius, number; start and items of a grid over them."""
-    count = zero_counts(frame)
+    count = np.zeros(int(frame[3]) * int(frame[4]), np.int64)
     x1, y1 = frame[0] + frame[3] * frame[2], frame[1] + frame[4] * frame[2]
     is_covered = True
     for disc in range(len(discs)):
@@ -106,7 +105,7 @@ def discs_by_cell(discs: Floats, frame: Floats) -> tuple[bool, Longs, Longs]:
     return is_covered, start, items
 
 
-@kernel
+@inner_kernel
 def _fill_discs(discs: Floats, frame: Floats, position: Longs, items: Longs) -> None:
     """Count the discs of each cell (items empty), or write them from `position` on."""
     columns = int(frame[3])
