@@ -255,6 +255,8 @@ class BaseMovements:
 
         A ride that is lost before the robot is in the cabin is asked for again, RIDE_TRIALS times in all. Raises
         RideLost, MotionFailed, InvalidRide, ElevatorFull."""
+        if self.session.latest.ride:  # of the cabin that it was to leave, until its way out was blocked
+            self.session.cancel_elevator()
         start, shaft = self.controller.state, self._shaft(elevator)
         way = [(start.x, start.y), *inside]
         try:

@@ -20,8 +20,8 @@ from robocorba.simulation.elevator import BOARDING_LIMIT_S, RidePhase
 
 #: Distance from the middle of a cabin at which a robot calls the elevator [m], at least.
 ELEVATOR_CALL_DISTANCE_M = 2.0
-#: Gap between a robot that waits for an elevator and its doors [m].
-DOOR_GAP_M = 0.1
+#: Gap between a robot that waits for an elevator and its doors [m]: one that leaves the cabin gets through it.
+DOOR_GAP_M = 2.0 * RADIUS_M + 0.25
 #: Timeout of a ride, and of waiting for the elevator beyond its announced longest wait [s, robot's clock].
 ELEVATOR_LIMIT_S = 300.0
 #: How often a robot asks for a ride that it loses before it is in the cabin.
