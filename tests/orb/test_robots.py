@@ -282,7 +282,7 @@ def test_a_robot_is_registered_until_it_logs_off(session: RemoteSession, server:
 
 
 @given(st.lists(st.sampled_from(["touch", "read", "lose", "log off"]), max_size=20))
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 def test_collisions_count_through_all_sessions_of_a_robot(server: Any, what_happens: list[str]) -> None:
     """None that the robot read of is forgotten with its session, and none counts twice."""
     session = RemoteSession(server, Description("A", Pose("L1", 1.0, 2.0, 0.0), 0.4))

@@ -190,7 +190,9 @@ class Leaves(Exception):
     """The robot's process ends."""
 
 
-@settings(max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=5, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 @given(st.sampled_from(list(RidePhase)), st.booleans(), st.integers(0, 60), st.sampled_from(["log off", "evict"]))
 def test_a_robot_that_loses_its_ride_while_it_leaves_blocks_nothing(
     place: Storeys, phase: RidePhase, is_in_doors: bool, cycles: int, way: str
