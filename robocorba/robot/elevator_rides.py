@@ -20,8 +20,10 @@ from robocorba.simulation.elevator import BOARDING_LIMIT_S, RidePhase
 
 #: Distance from the middle of a cabin at which a robot calls the elevator [m], at least.
 ELEVATOR_CALL_DISTANCE_M = 2.0
-#: Gap between a robot that waits for an elevator and its doors [m]: one that leaves the cabin gets through it.
-DOOR_GAP_M = 2.0 * RADIUS_M + 0.25
+#: Gap between a robot that waits for an elevator and its doors [m], at least; and that through which another leaves the
+#: cabin, unless it is this much farther from the middle, as along the shaft's walls [m].
+DOOR_GAP_M = 0.1
+PASSING_GAP_M, PASSING_WAY_M = 2.0 * RADIUS_M + 0.25, 1.5
 #: Timeout of a ride, and of waiting for the elevator beyond its announced longest wait [s, robot's clock].
 ELEVATOR_LIMIT_S = 300.0
 #: How often a robot asks for a ride that it loses before it is in the cabin.
@@ -69,14 +71,21 @@ def check_boarding_time(elevator: str, way: Sequence[XY], speeds: Sequence[float
 def split_at_doors(path: Sequence[XY], shaft: Polygon | None) -> tuple[list[XY], list[XY]]:
     """A robot's path to the middle of a cabin, from where it is, split where it waits for it.
 
-    That is clear of the doors, and at least ELEVATOR_CALL_DISTANCE_M before the middle; if no place of the path is, the
-    robot stays where it is. Both parts are without their start."""
+    That is clear of the doors, by PASSING_GAP_M where it can, and at least ELEVATOR_CALL_DISTANCE_M before the middle;
+    if no place of the path is, the robot stays where it is. Both parts are without their start."""
     line = LineString(path)
     until_m = max(0.0, line.length - ELEVATOR_CALL_DISTANCE_M)
     if shaft is not None:
-        clear = substring(line, 0.0, until_m).difference(shaft.buffer(RADIUS_M + DOOR_GAP_M))
-        until_m = max((line.project(Point(end)) for end in shapely.get_coordinates(clear)), default=0.0)
+        near_m, passing_m = (_clear_until_m(line, until_m, shaft, gap_m) for gap_m in (DOOR_GAP_M, PASSING_GAP_M))
+        until_m = passing_m if near_m - passing_m <= PASSING_WAY_M else near_m
     lengths = accumulate(math.dist(*ends) for ends in pairwise(path))
     beyond = next((number for number, length in enumerate(lengths, 1) if length > until_m), len(path) - 1)
     at = line.interpolate(until_m)
     return [*path[1:beyond], (at.x, at.y)], list(path[beyond:])
+
+
+def _clear_until_m(line: LineString, until_m: float, shaft: Polygon, gap_m: float) -> float:
+    """The last point of a line, as a distance from its start up to `until_m` [m], at which a robot is clear of a shaft
+    by `gap_m` [m]; 0 if none is."""
+    clear = substring(line, 0.0, until_m).difference(shaft.buffer(RADIUS_M + gap_m))
+    return max((line.project(Point(end)) for end in shapely.get_coordinates(clear)), default=0.0)

@@ -22,7 +22,13 @@ from robocorba.map_editor.samples import SAMPLES, load_sample
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import SMARTPAL_SPEED_M_S, PathRequest, Place, PointKind
-from robocorba.robot.elevator_rides import DOOR_GAP_M, ELEVATOR_CALL_DISTANCE_M, RIDE_TRIALS, split_at_doors
+from robocorba.robot.elevator_rides import (
+    DOOR_GAP_M,
+    ELEVATOR_CALL_DISTANCE_M,
+    PASSING_GAP_M,
+    RIDE_TRIALS,
+    split_at_doors,
+)
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.physics import STEP_S
@@ -236,7 +242,7 @@ def test_a_robot_that_loses_its_ride_while_it_leaves_blocks_nothing(
 
 # ---- where a robot waits ----
 
-CLEAR_M = RADIUS_M + DOOR_GAP_M
+CLEAR_M, PASSING_M = RADIUS_M + DOOR_GAP_M, RADIUS_M + PASSING_GAP_M
 LARGE = shapely.box(-1.6, -1.6, 1.6, 1.6)
 
 
@@ -250,10 +256,10 @@ def waits_at(start: XY, shaft: shapely.Polygon | None) -> XY:
 
 def test_a_robot_waits_clear_of_the_doors_or_stays_where_it_is_nearer() -> None:
     assert waits_at((-5.0, 0.0), None) == pytest.approx((-ELEVATOR_CALL_DISTANCE_M, 0.0))
-    assert waits_at((-5.0, 0.0), shapely.box(-1, -1, 1, 1)) == pytest.approx((-1.0 - CLEAR_M, 0.0))
-    assert waits_at((-5.0, 0.0), LARGE) == pytest.approx((-1.6 - CLEAR_M, 0))
+    assert waits_at((-5.0, 0.0), shapely.box(-1, -1, 1, 1)) == pytest.approx((-1.0 - PASSING_M, 0.0))
+    assert waits_at((-5.0, 0.0), LARGE) == pytest.approx((-1.6 - PASSING_M, 0))
     x, _ = waits_at((-3.2, 1.3), LARGE)  # once stuck at these doors
-    assert x == pytest.approx(-1.6 - CLEAR_M, abs=1e-3)
+    assert x == pytest.approx(-1.6 - PASSING_M, abs=1e-3)
     for near, shaft in (((-1.5, 0.0), None), ((-1.9, 0.0), LARGE), ((0.0, 0.0), LARGE)):
         assert waits_at(near, shaft) == pytest.approx(near)
     # The path around the post of a door passes the closed door more closely than its robot is wide.
@@ -261,6 +267,9 @@ def test_a_robot_waits_clear_of_the_doors_or_stays_where_it_is_nearer() -> None:
     outside, inside = split_at_doors(path, LARGE)
     assert outside == [path[1], pytest.approx((2.98, -2.03), abs=0.01)]
     assert inside == path[2:]
+    # Along the wall to the doors: others get past only far from there, from where it would board too late.
+    outside, inside = split_at_doors([(-6.0, -2.2), (0.0, -2.2), (0.0, 0.0)], LARGE)
+    assert outside[-1] == pytest.approx((0.0, -1.6 - CLEAR_M), abs=0.01)
 
 
 #: To the micrometre, beyond which lengths of almost nothing are not exact.
