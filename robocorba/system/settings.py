@@ -289,6 +289,36 @@ class ChannelSettings:
 
 
 @dataclass(frozen=True)
+class MapEditorSettings:
+    """Settings of the map editor server: those of every server, and of proposals.
+
+    channel: the event channel at which it listens for what robots see, empty for none. accept: proposals that so many
+    robots have seen for so long [s] become objects, 0 robots for none."""
+
+    server: ServerSettings
+    channel: str
+    accept: tuple[int, float]
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> MapEditorSettings:
+        """From the arguments of ServerSettings and `[--channel NAME] [--accept ROBOTS,SECONDS]`. Raises as
+        ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--channel", default="", metavar="NAME", help="the event channel of what robots see")
+        parser.add_argument("--accept", default="", metavar="ROBOTS,SECONDS", help="what they saw for so long is drawn")
+        given = parser.parse_args(arguments)
+        return cls(ServerSettings.from_arguments(given), given.channel, accept_rule(given.accept))
+
+
+def accept_rule(text: str) -> tuple[int, float]:
+    """ROBOTS,SECONDS as numbers, 0 for an empty text. Raises InvalidSetting."""
+    match = re.fullmatch(r"([1-9][0-9]?),([0-9]+(?:\.[0-9]+)?)", text or "1,0", re.ASCII)
+    if match is None:
+        raise InvalidSetting("--accept", text, "not of the form ROBOTS,SECONDS, such as 3,60")
+    return (int(match[1]), float(match[2])) if text else (0, 0.0)
+
+
+@dataclass(frozen=True)
 class SimulationSettings:
     """Settings of the simulation server: those of every server, and the event channel at which it publishes.
 
