@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import msgspec
+import numpy as np
 
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.sightings import MAX_SEEN, ObstaclesSeen, SeenObstacle, seen_of
-from robocorba.robot.sightings import SightingReport
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.robot.perception import SeenThing
+from robocorba.robot.sightings import MAX_TOLD, TOLD_S, SightingReport, Told, seen_obstacles
 from tests.clock import Clock
 
 
@@ -56,3 +59,37 @@ def test_what_could_not_be_published_is_published_later() -> None:
     failing.append(False)
     report.update()
     assert seen_of(msgspec.to_builtins(events[0])) == (seen(1),)
+
+
+def test_a_thing_is_published_with_its_age() -> None:
+    outline = np.array([[1.0, 2.0], [2.0, 2.0], [1.5, 2.5]])
+    thing = SeenThing(7, "L1", outline, (1.5, 2.2), 0.9, 100.0, 103.0)
+    (found,) = seen_obstacles([thing], 104.0)
+    assert (found.number, found.floor, found.x, found.y, found.certainty) == (7, "L1", 1.5, 2.2, 0.9)
+    assert (found.known_s, found.unseen_s, sorted(found.outline)) == (4.0, 1.0, [(1.0, 2.0), (1.5, 2.5), (2.0, 2.0)])
+    assert seen_of(msgspec.to_builtins(ObstaclesSeen((found,)))) == (found,)
+
+
+def test_a_robot_avoids_what_others_tell_unless_it_sees_better() -> None:
+    clock = Clock()
+    own = [TemporaryObstacles((("L1", ((1.0, 0.0), (1.4, 0.0), (1.4, 0.4))),), names=("seen thing 1",))]
+    told = Told("A", lambda: own[0], lambda: (0.0, 0.0), clock)
+    assert told.obstacles is own[0]
+
+    def tell(robot: str, *seen: SeenObstacle) -> None:
+        told.receive("obstacle.seen", robot, msgspec.to_builtins(ObstaclesSeen(seen)), "lab")
+
+    tell("A", seen(1, 9.0, 0.9))
+    tell("B", seen(1, 1.3, 0.9), seen(2, 4.0, 0.9), seen(3, 6.0, 0.5), seen(4, 0.8, 0.9))
+    assert told.obstacles.names == ("seen thing 1", "B's thing 2")
+    assert told.obstacles is told.obstacles
+    tell("C", seen(5, 4.1, 0.9), seen(6, 7.0, 0.9))
+    assert set(told.obstacles.names) == {"seen thing 1", "B's thing 2", "C's thing 6"}
+    assert dict(zip(told.obstacles.names, told.obstacles.forbidden_areas, strict=True))["C's thing 6"][0] == "L1"
+    own[0] = NO_OBSTACLES
+    assert set(told.obstacles.names) == {"B's thing 1", "B's thing 2", "C's thing 6"}
+    clock.now += TOLD_S + 0.1
+    tell("C", *(seen(number, 3.0 + number, 0.9) for number in range(20)))
+    assert told.obstacles.names == tuple(f"C's thing {number}" for number in range(MAX_TOLD))
+    clock.now += TOLD_S + 0.1
+    assert told.obstacles == NO_OBSTACLES
