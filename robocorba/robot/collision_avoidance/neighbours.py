@@ -68,8 +68,7 @@ class Nearby:
         tells: Callable[[str], bool] = lambda name: True,
     ) -> None:
         self._pool, self.name, self.policy, self._seen, self._tells = pool, name, policy, seen, tells
-        #: What was seen last, and points (n, 2) around it [m], replaced together.
-        self._around: tuple[TemporaryObstacles, Floats] = NO_OBSTACLES, np.empty((0, 2))
+        self._outlined = _Outlines(NO_OBSTACLES, "")
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
         """Robots within 6 m of a point [m], beyond which a driving robot ignores them. Raises NotReachable if their
@@ -101,8 +100,8 @@ class Nearby:
     def clearance_m(self, x: float, y: float) -> float:
         """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
         near = self._pool.loaded_snapshot().nearest_non_robot(x, y)
-        seen = (polygon.distance(Point(x, y)) for polygon in self._outlines())
-        return min([near.distance_m if near else math.inf, *seen])
+        seen_m = shapely.distance(self._outlines.polygons, Point(x, y)).min(initial=math.inf)
+        return min(near.distance_m if near else math.inf, float(seen_m))
 
     def shaft(self, elevator: str) -> Polygon | None:
         """The shaft of an elevator on this floor [m]; None while the floor is not loaded."""
@@ -129,15 +128,13 @@ class Nearby:
         return self._seen()
 
     def seen_around(self, x: float, y: float) -> Floats:
-        """Points (n, 2) around what the robot sees, from a point [m], at most 0.1 m apart."""
-        if self._around[0] is not (seen := self._seen()):
-            rings = [shapely.segmentize(polygon.exterior, 0.1) for polygon in self._outlines()]
-            self._around = seen, shapely.get_coordinates(rings)
-        return self._around[1] - (x, y)
+        """Points (n, 2) on the outlines of what the robot sees, at most 0.1 m apart, from a point [m]."""
+        return self._outlines.points - (x, y)
 
     def seen_on(self, line: Sequence[XY], radius_m: float) -> str:
         """The name of what the robot sees that its disc touches on a line [m]; empty for nothing."""
-        return next(iter(self._seen().near_line(self._pool.floor, line, radius_m)), "")
+        touched = np.flatnonzero(shapely.dwithin(self._outlines.polygons, LineString([*line, line[-1]]), radius_m))
+        return self._outlines.names[touched[0]] if len(touched) else ""
 
     def with_seen(self, obstacles: TemporaryObstacles, robot: XY) -> TemporaryObstacles:
         """Obstacles, and what the robot sees, with SEEN_CLEARANCE_M around it; but nothing where the robot is [m]."""
@@ -146,14 +143,17 @@ class Nearby:
         seen = self._seen()
         for (floor, corners), name in zip(seen.forbidden_areas, seen.names, strict=True):
             around = Polygon(corners).buffer(SEEN_CLEARANCE_M, join_style="mitre", mitre_limit=2.0)
-            around = around.difference(disc) if floor == self._pool.floor else around
-            for part in shapely.get_parts(around):
+            for part in shapely.get_parts(around.difference(disc)):
                 areas.append((floor, tuple(map(tuple, shapely.get_coordinates(part.exterior)[:-1].tolist()))))
                 names.append(name)
         return obstacles._replace(forbidden_areas=tuple(areas), names=tuple(names))
 
-    def _outlines(self) -> list[Polygon]:
-        return [Polygon(corners) for floor, corners in self._seen().forbidden_areas if floor == self._pool.floor]
+    @property
+    def _outlines(self) -> _Outlines:
+        seen, floor, known = self._seen(), self._pool.floor, self._outlined
+        if known.seen is not seen or known.floor != floor:
+            known = self._outlined = _Outlines(seen, floor)
+        return known
 
     # ---- what stands in the way though it is not on the map; empty while the floor is not loaded ----
 
@@ -214,6 +214,17 @@ class Nearby:
         discs = tuple((snapshot.floor, _disc_beside(other, kept_free, own.radius_m)) for other in blocking)
         names = tuple(other.name for other in blocking)
         return objects._replace(forbidden_areas=discs + objects.forbidden_areas, names=names + objects.names)
+
+
+class _Outlines:
+    """What the robot sees on a floor, as polygons, and points (n, 2) on their borders, at most 0.1 m apart [m]."""
+
+    def __init__(self, seen: TemporaryObstacles, floor: str) -> None:
+        self.seen, self.floor = seen, floor
+        here = [number for number, (where, _) in enumerate(seen.forbidden_areas) if where == floor]
+        self.names = [seen.names[number] for number in here]
+        self.polygons = np.array([Polygon(seen.forbidden_areas[number][1]) for number in here], object)
+        self.points = shapely.get_coordinates(shapely.segmentize(self.polygons, 0.1))
 
 
 def _drives(robot: FloorEntity) -> bool:
