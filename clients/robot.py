@@ -6,7 +6,7 @@ import contextlib
 import logging
 import math
 import secrets
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from omniORB import CORBA
 
@@ -36,11 +36,13 @@ from robocorba.robot.corba.remote_session import RemoteSession
 from robocorba.robot.corba.robot_channel import RobotChannel
 from robocorba.robot.corba.stop_listener import listen_for_stops
 from robocorba.robot.data_pool.plans import Plans
+from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.data_pool.start_places import start_places
 from robocorba.robot.display import Display
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.robot.perception import Perception
 from robocorba.robot.posture_report import INTERVAL_S, REFRESH_S, PostureReport
 from robocorba.robot.programs import program
 from robocorba.robot.programs.base_checks import Planner
@@ -125,6 +127,35 @@ def channel_for(orb: Orb, wanted: str | None, at: Pose) -> str:
     return channel if wanted or channel in known else ""
 
 
+def perceiving(
+    stack: contextlib.ExitStack,
+    orb: Orb,
+    session: RemoteSession,
+    pool: DataPool,
+    name: str,
+    agent: Callable[[], ControlAgent],
+) -> tuple[Nearby, Perception]:
+    """What is near a robot that goes by its sensors, until the end of `stack`: a robot in the pool tells its pose if
+    its agent has a name; every other one has to be seen, like things that no map has."""
+    tell: set[str] = set()
+
+    def listen() -> None:
+        with contextlib.suppress(NotReachable):
+            names = set(orb.names(ROBOTS))
+            tell.update(names)
+            tell.intersection_update(names)
+
+    listen()
+    stack.callback(Repeating("names of robots", listen, 1.0).start().close)
+    nearby = Nearby(pool, name, seen=lambda: perception.obstacles, tells=tell.__contains__)
+    perception = Perception(
+        *(lambda: agent().senses, lambda: session.latest.at.floor, nearby.explains),
+        is_needed=lambda: not agent().is_resting,
+        carried=lambda: nearby.carried(session.latest.holding),
+    )
+    return nearby, perception
+
+
 def progress_of(shown: Display, report: ProgramReport) -> RobotProgress:
     """What the robot shows, and how its last task has ended: a failure is shown already."""
     is_said = report.result in (ProgramResult.NO_RESULT, ProgramResult.FAILED)
@@ -198,8 +229,12 @@ def run(arguments: Sequence[str] | None) -> None:
         def prepare() -> None:
             follower.attend()
             postures.wake()
+            if perception:
+                perception.wake()
 
-        nearby = Nearby(follower.pool, settings.name)
+        nearby, perception = Nearby(follower.pool, settings.name), None
+        if settings.perceives:
+            nearby, perception = perceiving(stack, orb, session, follower.pool, settings.name, lambda: agent)
 
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
             follower.attend()
@@ -207,13 +242,15 @@ def run(arguments: Sequence[str] | None) -> None:
             return checker(wanted, state, objects, nearby.parked_robots(), agent.senses)
 
         context = AdaptorContext(settings.name, session, orb)
-        calls = AgentCalls(check_now, prepare, progress.wake)
-        agent = ControlAgent(context, planner, others, nearby, ticks, calls, settings.protects)
+        calls = AgentCalls(check_now, prepare, progress.wake, perception.observe if perception else None)
+        agent = ControlAgent(context, planner, others, nearby, ticks, calls, settings.protects, settings.perceives)
         stack.callback(agent.close)
         session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
         session.floors_since = follower.floors_since
         follower.start()
         agent.start(settings.adaptor, settings.adaptor_arguments)
+        if perception:
+            stack.callback(perception.start().close)
         stack.callback(postures.start().close)
 
         def attend() -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -153,26 +153,29 @@ class Perception:
         self._publish(tuple(self._found(scans[-1].robot[:2] if scans else (0.0, 0.0), now)))
 
     def _found(self, robot: XY, now: float) -> list[SeenThing]:
-        cells, points, found = self._cells, _points(self._cells), []
-        first_seen = {thing.number: thing.first_seen for thing in self.things}
+        cells, points = self._cells, _points(self._cells)
+        parts = _parts(points)
+        counts, sums = np.bincount(parts), np.bincount(parts, cells["odds"])
+        order = np.argsort(parts, kind="stable")
+        hulls = shapely.convex_hull(shapely.multipoints(points[order], indices=parts[order]))
+        outlines = shapely.buffer(hulls, CELL_M / 2, cap_style="square", join_style="mitre", mitre_limit=2.0)
+        centres = shapely.get_coordinates(shapely.centroid(outlines))
+        nearest = np.argsort(np.hypot(*(centres - robot).T))
+        first_seen, found = {thing.number: thing.first_seen for thing in self.things}, []
         taken: set[int] = set()
-        for part in sorted(_parts(points), key=len, reverse=True):
-            odds = cells["odds"][part]
-            if odds.sum() < THING:
-                continue
-            free = [number for number in np.unique(cells["thing"][part]).tolist() if number and number not in taken]
+        for part in nearest[sums[nearest] >= THING][:MAX_THINGS].tolist():
+            its = parts == part
+            free = set(cells["thing"][its].tolist()) - taken - {0}
             if not free:
                 self._last_number += 1
-            number = free[0] if free else self._last_number
+            number = min(free, default=self._last_number)
             taken.add(number)
-            cells["thing"][part] = number
-            hull = shapely.MultiPoint(points[part]).convex_hull
-            outline = hull.buffer(CELL_M / 2, cap_style="square", join_style="mitre", mitre_limit=2.0)
-            at, certainty = outline.centroid, 1.0 / (1.0 + math.exp(-float(odds.mean())))
-            corners = shapely.get_coordinates(outline)[:-1]
-            times = first_seen.get(number, now), float(cells["seen"][part].max())
-            found.append(SeenThing(number, self._floor, corners, (at.x, at.y), certainty, *times))
-        return sorted(found, key=lambda thing: math.dist(thing.at, robot))[:MAX_THINGS]
+            cells["thing"][its] = number
+            corners, (x, y) = shapely.get_coordinates(outlines[part])[:-1], centres[part].tolist()
+            certainty = 1.0 / (1.0 + math.exp(-float(sums[part] / counts[part])))
+            times = first_seen.get(number, now), float(cells["seen"][its].max())
+            found.append(SeenThing(number, self._floor, corners, (x, y), certainty, *times))
+        return found
 
     def _publish(self, things: Sequence[SeenThing]) -> None:
         if not things and not self.things:
@@ -246,8 +249,11 @@ def _with_hits(cells: npt.NDArray[np.void], hits: Floats, now: float) -> npt.NDA
     return both[np.argsort(both["key"])]
 
 
-def _parts(points: Floats) -> Iterator[Longs]:
-    """Indices of points that belong together: in squares of GAP_M that touch, those that are too large in halves."""
+def _parts(points: Floats) -> Longs:
+    """To which part (n,) points belong, counted from 0: those in squares of GAP_M that touch are one, but of something
+    larger than LARGEST_M those in a square of that side."""
+    if not len(points):
+        return np.empty(0, np.int64)
     squares, square_of = np.unique(_keys(points, GAP_M), return_inverse=True)
     left, groups = set(squares.tolist()), {}
     for square in squares.tolist():
@@ -256,20 +262,13 @@ def _parts(points: Floats) -> Iterator[Longs]:
         while reached:
             one = reached.pop()
             groups[one] = square
-            beside = {one + (column << 32) + row for column in (-1, 0, 1) for row in (-1, 0, 1)} & left
+            beside = left.intersection(one + (column << 32) + row for column in (-1, 0, 1) for row in (-1, 0, 1))
             left -= beside
             reached += beside
-    group_of = np.array([groups[square] for square in squares.tolist()], np.int64)[square_of]
-    for group in np.unique(group_of):
-        yield from _halves(points, np.flatnonzero(group_of == group))
-
-
-def _halves(points: Floats, part: Longs) -> Iterator[Longs]:
-    low, high = points[part].min(axis=0), points[part].max(axis=0)
-    longest = int((high - low).argmax())
-    if (high - low)[longest] <= LARGEST_M:
-        yield part
-        return
-    is_low = points[part, longest] <= (low + high)[longest] / 2
-    yield from _halves(points, part[is_low])
-    yield from _halves(points, part[~is_low])
+    _, group_of = np.unique([groups[square] for square in squares.tolist()], return_inverse=True)
+    group_of = group_of[square_of]
+    order = np.argsort(group_of, kind="stable")
+    low = np.minimum.reduceat(points[order], np.searchsorted(group_of[order], np.arange(group_of.max() + 1)))
+    tiles = np.minimum(((points - low[group_of]) / LARGEST_M).astype(np.int64), 999)
+    parts: Longs = np.unique(group_of * 1_000_000 + tiles[:, 0] * 1000 + tiles[:, 1], return_inverse=True)[1]
+    return parts

@@ -364,7 +364,8 @@ class RobotSettings:
     None for a free path node. channel: of its sub-network, empty for none, None for that of the
     area in which it logs on. tick_file: CSV file with one row for each
     control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
-    changes. protects: whether robots have a protective field, None for the usual ones."""
+    changes. protects: whether robots have a protective field, None for the usual ones. perceives: whether they avoid
+    what they see, and not what only the simulation knows."""
 
     common: Settings
     name: str
@@ -378,12 +379,13 @@ class RobotSettings:
     tick_file: Path | None
     prints_progress: bool
     protects: bool | None = None
+    perceives: bool = False
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--progress] [--protect on|off] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR]
-        [-- arguments of the adaptor]`.
+        [--progress] [--protect on|off] [--perceive simulation|sensors] [--endpoint HOST:PORT] [--naming HOST:PORT]
+        [--state DIR] [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -417,6 +419,13 @@ class RobotSettings:
             choices=("on", "off"),
             help="stop before what the robot's own range sensors see; default: on for actual robots",
         )
+        parser.add_argument(
+            "--perceive",
+            choices=("simulation", "sensors"),
+            default="simulation",
+            help="avoid others and objects where the simulation has them, or what the robot's sensors see; default: "
+            "simulation",
+        )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -434,6 +443,7 @@ class RobotSettings:
             given.record,
             given.progress,
             given.protect and given.protect == "on",
+            given.perceive == "sensors",
         )
 
 
