@@ -6,8 +6,10 @@ import contextlib
 import logging
 import math
 import secrets
+import time
 from collections.abc import Callable, Iterable, Sequence
 
+import msgspec
 from omniORB import CORBA
 
 from robocorba.clients.cooperation import Cooperation
@@ -25,6 +27,7 @@ from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.robot import sightings
 from robocorba.robot.agent import AgentCalls, AgentState, ControlAgent
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
@@ -51,11 +54,12 @@ from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.realtime import raise_process_priority
 from robocorba.robot.senses import Senses, program_ranges_m
+from robocorba.robot.sightings import EXPIRY_S, SightingReport, Told, seen_obstacles
 from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.registry import Description, Pose
 from robocorba.system import logs
 from robocorba.system.kernel_store import store
-from robocorba.system.names import CHANNELS, MISSIONS, ROBOTS
+from robocorba.system.names import CHANNELS, MISSIONS, ROBOTS, SIGHTING_EVENT
 from robocorba.system.printing import fail
 from robocorba.system.private_files import claim_state
 from robocorba.system.processes import RobotProgress
@@ -133,10 +137,12 @@ def perceiving(
     session: RemoteSession,
     pool: DataPool,
     name: str,
+    channel: str,
     agent: Callable[[], ControlAgent],
 ) -> tuple[Nearby, Perception]:
     """What is near a robot that goes by its sensors, until the end of `stack`: a robot in the pool tells its pose if
-    its agent has a name; every other one has to be seen, like things that no map has."""
+    its agent has a name; every other one has to be seen, like things that no map has. At the event channel it tells
+    others what it sees, and learns what they see."""
     tell: set[str] = set()
 
     def listen() -> None:
@@ -147,12 +153,22 @@ def perceiving(
 
     listen()
     stack.callback(Repeating("names of robots", listen, 1.0).start().close)
-    nearby = Nearby(pool, name, seen=lambda: perception.obstacles, tells=tell.__contains__)
+    told = Told(name, lambda: perception.obstacles, lambda: (session.latest.at.x, session.latest.at.y))
+    nearby = Nearby(pool, name, seen=lambda: told.obstacles, tells=tell.__contains__)
     perception = Perception(
         *(lambda: agent().senses, lambda: session.latest.at.floor, nearby.explains),
         is_needed=lambda: not agent().is_resting,
         carried=lambda: nearby.carried(session.latest.holding),
     )
+    if channel:
+        events = RobotChannel(orb, channel, name)
+        stack.callback(events.close)
+        events.keep_subscribed([(SIGHTING_EVENT, "*")], told.receive)
+        report = SightingReport(
+            lambda: seen_obstacles(perception.things, time.time()),
+            lambda seen: events.publish(SIGHTING_EVENT, msgspec.to_builtins(seen), 0.0, EXPIRY_S),
+        )
+        stack.callback(Repeating("sightings", report.update, sightings.INTERVAL_S).start().close)
     return nearby, perception
 
 
@@ -234,7 +250,7 @@ def run(arguments: Sequence[str] | None) -> None:
 
         nearby, perception = Nearby(follower.pool, settings.name), None
         if settings.perceives:
-            nearby, perception = perceiving(stack, orb, session, follower.pool, settings.name, lambda: agent)
+            nearby, perception = perceiving(stack, orb, session, follower.pool, settings.name, channel, lambda: agent)
 
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
             follower.attend()
