@@ -13,6 +13,7 @@ import argparse
 import contextlib
 import math
 import sys
+import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,6 +43,7 @@ from robocorba.map_editor.proposals import Proposal
 from robocorba.map_editor.samples import sample_path
 from robocorba.map_editor.sightings import seen_of
 from robocorba.map_editor.spatial.pose import XY, Limits, Pose
+from robocorba.map_editor.store import FIRST_VERSION
 from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import PathRequest, Place
@@ -112,7 +114,8 @@ def play(folder: Path, state: Path, logs: Path, console: Console, with_browser: 
         orb = stack.enter_context(Orb(naming))
         chair = RemoteSession(orb, Description(CHAIR, Pose(FLOOR, *AT, 0.0), RADIUS_M, 5.0, Limits()))
         chair.log_on()  # a body that tells nobody where it is
-        stack.callback(Repeating(CHAIR, lambda: _keep(chair), 1.0).start().close)
+        editor, is_drawn = RemoteMapEditor(orb), threading.Event()
+        stack.callback(Repeating(CHAIR, lambda: _keep(chair, editor, is_drawn), 0.1).start().close)
         with starting("Robots", console):
             start_robots(stack, ROBOTS, naming, state, logs, "--perceive", "sensors")
         console.print(f"  a chair at {place(FLOOR, *AT)} that no map has")
@@ -125,16 +128,23 @@ def play(folder: Path, state: Path, logs: Path, console: Console, with_browser: 
             console.print("Accept the proposal on the console's map page.")
             wait_for_ctrl_c(console, console_address(state))
         else:
-            _accept(orb, console)
+            _accept(editor, console)
+            time.sleep(1.0)  # until the simulation has its object
             (folder / "accepted.png").write_bytes(camera.png())
-        (folder / "perception.json").write_bytes(msgspec.json.format(msgspec.json.encode(found)))
+        (folder / "perception.json").write_bytes(msgspec.json.format(msgspec.json.encode(found._asdict())))
         console.print(f"[{'green' if found.is_good else 'red'}]{found}[/]")
     return found.is_good
 
 
-def _keep(chair: RemoteSession) -> None:
-    with contextlib.suppress(RoboCorbaError):  # the server may be gone at the end
+def _keep(chair: RemoteSession, editor: RemoteMapEditor, is_drawn: threading.Event) -> None:
+    """Keep the chair's body until the map has the chair: the simulation then has a body for that."""
+    with contextlib.suppress(RoboCorbaError):  # a server may be gone at the end
+        if is_drawn.is_set():
+            return
         chair.state()
+        if editor.version() > FIRST_VERSION:
+            is_drawn.set()
+            chair.log_off()
 
 
 def _path_m(orb: Orb) -> float:
@@ -195,8 +205,7 @@ def _off_m(at: XY, chair: RemoteSession) -> float:
     return math.dist(at, (pose.x, pose.y))
 
 
-def _accept(orb: Orb, console: Console) -> None:
-    editor = RemoteMapEditor(orb)
+def _accept(editor: RemoteMapEditor, console: Console) -> None:
     session = editor.open_session("perception demo")
     for proposal in editor.proposals():
         version = session.accept_proposal(proposal.name)

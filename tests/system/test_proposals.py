@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 
@@ -28,7 +29,7 @@ from robocorba.robot.sightings import INTERVAL_S, SightingReport
 from robocorba.stubs import RoboCorba__POA
 from robocorba.system.names import ROBOTS, SIGHTING_EVENT
 from robocorba.system.repeating import Repeating
-from testkit.processes import Running, eventually
+from testkit.processes import Launcher, Running, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -159,3 +160,16 @@ def test_a_rule_accepts_what_two_robots_see_for_a_while(
     assert (edit.author, edit.summary) == ("rule: 2 robots", "object seen 1 on L1 created")
     assert editor.proposals() == []
     assert running.stop() == 0
+
+
+def test_the_demo_of_perception_finds_the_chair(launch: Launcher) -> None:
+    """In time, where the machine is not busy: its exit code says that, too."""
+    demo = launch(sys.executable, "-m", "robocorba.clients.perception_demo", "found")
+    printed, _ = demo.communicate(timeout=600)
+    assert "path from A's lookout to C's: 2.8" in printed and "accepted: seen 1" in printed, printed
+    found = read_json((launch.folder / "found" / "perception.json").read_text())
+    assert set(found["seen_s"]) == {"A", "B", "C"}
+    assert found["off_m"] <= 0.05 and found["certainty"] > 0.9
+    assert demo.returncode == (found["after_s"] > 10.0)
+    for picture in ("proposed.png", "accepted.png"):
+        assert (launch.folder / "found" / picture).stat().st_size > 10_000
