@@ -135,10 +135,11 @@ class Perception:
         """Take in scans that were placed on a floor; without scans, forget what is old. now: time.time [s]. Raises what
         `explains` raises, and then changes nothing."""
         cells = self._cells if floor == self._floor else np.empty(0, _CELL)
-        points, within_m = _hits(scans)
-        ends = np.concatenate([points, _points(cells)])
-        is_known = self._explains(floor, ends, np.append(within_m, np.full(len(cells), POSE_M)))
-        hits, cells = points[~is_known[: len(points)]], cells[~is_known[len(points) :]]
+        hits, within_m = _hits(scans)
+        if scans:
+            ends = np.concatenate([hits, _points(cells)])
+            is_known = self._explains(floor, ends, np.append(within_m, np.full(len(cells), POSE_M)))
+            hits, cells = hits[~is_known[: len(hits)]], cells[~is_known[len(hits) :]]
         for scan in scans:
             is_passed = _passed(_points(cells), scan)
             is_passed &= ~np.isin(cells["key"], _keys(hits, CELL_M))

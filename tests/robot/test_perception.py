@@ -170,9 +170,9 @@ def test_what_is_out_of_sight_times_out_and_an_uninformed_robot_changes_nothing(
     with pytest.raises(NotReachable):
         robot.look(scan_of([]), 10)
     assert robot.perception.things[0].number == thing.number
-    robot.is_informed = True
     robot.now += 2.0
     assert not robot.look(None)
+    robot.is_informed = True
     assert told[-1] == ()
     robot.look(scan_of([box(6.5, 4.8, 7.0, 5.2)]), 2)
     robot.perception.update("L2", [], robot.now)
