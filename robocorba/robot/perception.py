@@ -38,8 +38,8 @@ POSE_M, POSE_RAD = 0.1, 0.02
 #: Log-odds by which a hit (p = 0.6) and a ray that passes (p = 0.31) change a cell, their limit (p = 0.97), and their
 #: sum from which cells are a thing: two hits.
 HIT, PASSED, SURE, THING = 0.4, 0.8, 3.5, 0.8
-#: Time after which a cell that is sure is forgotten, if no ray goes there [s].
-KEPT_S = 60.0
+#: Time after which a cell that was hit once is forgotten, and one that is sure, if no ray goes there [s].
+BRIEF_S, KEPT_S = 0.5, 60.0
 MAX_CELLS, MAX_THINGS = 4000, 30
 
 #: Says which points (n, 2) of a floor are within some distances (n,) of what the robot knows [m]: walls, doors, objects
@@ -135,17 +135,18 @@ class Perception:
         """Take in scans that were placed on a floor; without scans, forget what is old. now: time.time [s]. Raises what
         `explains` raises, and then changes nothing."""
         cells = self._cells if floor == self._floor else np.empty(0, _CELL)
-        points, within_m = _hits(scans)
-        ends = np.concatenate([points, _points(cells)])
-        is_known = self._explains(floor, ends, np.append(within_m, np.full(len(cells), POSE_M)))
-        hits, cells = points[~is_known[: len(points)]], cells[~is_known[len(points) :]]
+        hits, within_m = _hits(scans)
+        if scans:
+            ends = np.concatenate([hits, _points(cells)])
+            is_known = self._explains(floor, ends, np.append(within_m, np.full(len(cells), POSE_M)))
+            hits, cells = hits[~is_known[: len(hits)]], cells[~is_known[len(hits) :]]
         for scan in scans:
             is_passed = _passed(_points(cells), scan)
             is_passed &= ~np.isin(cells["key"], _keys(hits, CELL_M))
             is_inside = np.hypot(*(_points(cells) - scan.robot[:2]).T) < RADIUS_M
             cells["odds"] -= np.where(is_inside, SURE, PASSED * is_passed)
         cells = _with_hits(cells, hits, now)
-        kept_s = KEPT_S * (cells["odds"] / SURE) ** 2
+        kept_s = BRIEF_S + (KEPT_S - BRIEF_S) * (cells["odds"] / SURE) ** 3
         cells = cells[(cells["odds"] > 0.0) & (now - cells["seen"] <= kept_s)]
         if len(cells) > MAX_CELLS:
             cells = cells[np.sort(np.argsort(cells["seen"])[-MAX_CELLS:])]
