@@ -52,6 +52,7 @@ from robocorba.robot.corba.remote_session import RemoteSession
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
 from robocorba.simulation.registry import Description
+from robocorba.system.backoff import Backoff
 from robocorba.system.names import SIGHTING_EVENT
 from robocorba.system.printing import Console, line
 from robocorba.system.repeating import Repeating
@@ -179,10 +180,11 @@ def _find(orb: Orb, chair: RemoteSession, console: Console) -> Found:
         if len(seen) < 2:
             raise MissionFailed(f"a proposal came after sightings of {len(seen)} robots")
         line(f"  proposed: {first.name}, seen by {' and '.join(first.seen_by)}, {first.certainty:.2f}")
-        deadline = time.monotonic() + LIMIT_S
-        while len(RemoteMapEditor(orb).proposals()[0].seen_by) < len(ROBOTS) and time.monotonic() < deadline:
-            time.sleep(0.2)
-        time.sleep(5.0)  # all stand at their lookouts
+        agents = [RemoteAgent(orb, name) for name in ROBOTS]
+        is_there = Backoff(0.2, 0.2).poll(lambda: all(len(agent.begun(0)) > 1 for agent in agents), LIMIT_S)
+        if not is_there:
+            raise MissionFailed(f"not all robots were at their lookouts within {LIMIT_S:g} s")
+        time.sleep(3.0)  # for a look from there
         last = _wait_for_proposal(orb)
     times = sorted(seen.values())
     since_first = {name: when - times[0] for name, when in seen.items()}
@@ -191,12 +193,10 @@ def _find(orb: Orb, chair: RemoteSession, console: Console) -> Found:
 
 
 def _wait_for_proposal(orb: Orb) -> Proposal:
-    editor, deadline = RemoteMapEditor(orb), time.monotonic() + LIMIT_S
-    while time.monotonic() < deadline:
-        if found := editor.proposals():
-            return min(found, key=lambda each: math.dist(each.element.at, AT))
-        time.sleep(0.1)
-    raise MissionFailed(f"no proposal within {LIMIT_S:g} s")
+    editor = RemoteMapEditor(orb)
+    if not Backoff(0.1, 0.1).poll(lambda: bool(editor.proposals()), LIMIT_S):
+        raise MissionFailed(f"no proposal within {LIMIT_S:g} s")
+    return min(editor.proposals(), key=lambda each: math.dist(each.element.at, AT))
 
 
 def _off_m(at: XY, chair: RemoteSession) -> float:

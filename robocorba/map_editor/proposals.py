@@ -210,7 +210,6 @@ class Proposals:
         """Close a proposal; the thing is not proposed again while robots see it there. Raises UnknownElement."""
         with self._lock:
             self._find(name).is_rejected = True
-            self._edition += 1
             self._update()
 
     def due(self) -> list[Proposal]:

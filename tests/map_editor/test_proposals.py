@@ -151,6 +151,30 @@ def test_anybody_proposes_what_they_are_sure_of(place: Place) -> None:
         place.proposals.propose("L1", outline, 0.9, "Ada")
 
 
+def test_what_is_rejected_comes_again_when_it_was_missed_for_long(place: Place) -> None:
+    place.watch(seen(5.0, 3.0))
+    place.proposals.reject("seen 1")
+    place.clock.now += POLICY.kept_s + 100.0
+    place.proposals.end_unseen()
+    place.watch(seen(5.0, 3.0))
+    assert place.proposals.open() == []
+    place.clock.now += POLICY.rejected_s + 1.0
+    place.proposals.end_unseen()
+    place.watch(seen(5.0, 3.0))
+    assert len(place.proposals.open()) == 1
+
+
+def test_of_too_many_what_was_proposed_or_rejected_is_kept() -> None:
+    place = Place(policy=DEFAULT_POLICY._replace(most=3))
+    place.watch(seen(1.0, 3.0), seen(3.0, 3.0))
+    place.proposals.reject("seen 1")
+    for x in (5.0, 7.0, 9.0):
+        place.proposals.correlate({robot: [seen(x, 3.0)] for robot in "AB"})
+    assert [each.name for each in place.proposals.open()] == ["seen 2"]
+    place.watch(seen(1.0, 3.0), seen(9.0, 3.0))
+    assert [each.element.at[0] for each in place.proposals.open()] == pytest.approx([3.0, 9.0])
+
+
 def test_there_are_not_too_many() -> None:
     place = Place(policy=DEFAULT_POLICY._replace(most=3))
     for x in (1.0, 3.0, 5.0, 7.0):
@@ -175,10 +199,20 @@ def test_proposals_and_rejections_outlast_a_restart(place: Place, editor: Buildi
     assert list(later.objects()) == ["table", "seen 1"]
     later.watch(seen(8.0, 3.0))
     assert [each.name for each in later.proposals.open()] == ["seen 1"]
+    later.watch(seen(8.0, 3.0), seen(5.0, 3.0))
+    later.proposals.reject("seen 1")
+    later.proposals.save(editor.save_proposals)
+    assert Place(stored=editor.proposals()).proposals.open() == []
+    drawn = place.planned[0].with_element("L1", MapObject("seen 1", BoxShape((0.5, 0.5)), (5.0, 3.0)))
+    place.proposals.save(editor.save_proposals)
+    content: list[bytes] = []
+    place.proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
+    place.proposals.save(content.append)
+    assert [each.name for each in Place(drawn, content[0]).proposals.open()] == ["seen 3"]  # drawn meanwhile
     assert Place(stored=b"[{").proposals.open() == []
 
 
-SPOTS = {number: (2.0 + 3.0 * number, 3.0) for number in range(5)}
+SPOTS = {number: (2.0 + 3.0 * number, 3.0) for number in range(4)}
 
 
 class ProposalMachine(RuleBasedStateMachine):
@@ -200,6 +234,13 @@ class ProposalMachine(RuleBasedStateMachine):
             before, since, _, state = self.model.get(spot, (set(), self.now, self.now, "new"))
             is_ripe = state == "new" and self.now - since >= POLICY.standing_s
             self.model[spot] = (before | set(robots), since, self.now, "open" if is_ripe else state)
+
+    @rule(spots=st.sets(st.sampled_from(sorted(SPOTS)), min_size=1), robots=st.sampled_from(("AB", "BC", "AC")))
+    def watch(self, spots: set[int], robots: str) -> None:
+        """See these for long enough."""
+        self.see(spots, robots)
+        self.wait(POLICY.standing_s)
+        self.see(spots, robots)
 
     @rule(seconds=st.sampled_from((0.5, 2.0, 100.0, 301.0, 3601.0)))
     def wait(self, seconds: float) -> None:

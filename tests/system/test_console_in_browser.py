@@ -209,7 +209,7 @@ class Operator:
                 editor.propose("L1", [RoboCorba.XY(x + dx, y) for x, y in chair], 0.75, seen_by)
             self.open("Map")
             self.tab("L1")
-            self.tab(re.compile("Seen 2"))
+            self.tab(re.compile("Seen ?2"))
             rows = self.page.get_by_label("Panel").get_by_role("listitem")
             expect(rows).to_have_text([re.compile("seen by A and B, 0.94"), re.compile("seen by <img src=x")])
             self.button("Reject seen 2").click()
