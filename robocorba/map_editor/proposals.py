@@ -18,7 +18,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.maps import InvalidElement, UnknownElement
-from robocorba.map_editor.element_rules import violations
+from robocorba.map_editor.element_rules import name_violations, violations
 from robocorba.map_editor.geometry import obstacles
 from robocorba.map_editor.model import Building, ElementKind, MapObject, PolygonShape
 from robocorba.map_editor.sightings import SeenObstacle, corners, is_same, same_things, shape_of
@@ -46,6 +46,8 @@ class ProposalPolicy(NamedTuple):
 
 
 DEFAULT_POLICY = ProposalPolicy()
+#: Number of robots whose views of a thing are kept, the last ones.
+MAX_VIEWS = 20
 _log = logging.getLogger(__name__)
 
 
@@ -70,14 +72,15 @@ class Proposal(NamedTuple):
 
 
 class Thing(msgspec.Struct):
-    """Something that robots see at one place. views: the last one of each robot. first: the first outline that was seen
-    where it stands [m]. Times are monotonic [s]: since when it stands there, when it was seen last, and when it was
-    proposed, infinite if it was not."""
+    """Something that robots see at one place. views: the last one of each robot. first, outline: of what was seen where
+    it stands at first, and of all of it [m]. Times are monotonic [s]: since when it stands there, when it was seen
+    last, and when it was proposed, None if it was not."""
 
     name: str
     floor: str
     views: dict[str, SeenObstacle]
     first: tuple[XY, ...]
+    outline: tuple[XY, ...]
     since: float
     seen: float
     proposed: float | None = None
@@ -89,7 +92,7 @@ class Thing(msgspec.Struct):
 
     @property
     def shape(self) -> BaseGeometry:
-        return shape_of(point for view in self.views.values() for point in view.outline)
+        return shapely.Polygon(self.outline)
 
     @property
     def certainty(self) -> float:
@@ -148,12 +151,13 @@ class Proposals:
             reasons = [*violations(MapObject("proposal", PolygonShape(tuple(outline)), (0.0, 0.0)))]
             if not 0.0 <= certainty <= 1.0:
                 reasons.append(f"the certainty is 0 to 1, not {certainty}")
-            if not 1 <= len(seen_by) <= 60:
-                reasons.append(f"who has seen it has a name of 1 to 60 characters, not {len(seen_by)}")
+            reasons += name_violations("the name of who has seen it", seen_by)
+            if len(seen_by) > 60:
+                reasons.append(f"the name of who has seen it has {len(seen_by)} characters, at most 60 are allowed")
             for reason in reasons:
                 raise InvalidElement(ElementKind.OBJECT.value, floor, "proposal", reason)
-            middle = shape_of(outline).centroid
-            view = SeenObstacle(0, floor, middle.x, middle.y, tuple(outline), certainty)
+            middle, hull = (shape := shape_of(outline)).centroid, corners(shape)
+            view = SeenObstacle(0, floor, middle.x, middle.y, hull, certainty)
             thing = self._see(floor, {seen_by: view})
             if thing is None:
                 reason = f"the map has an object there, or {self._policy.most} proposals are open"
@@ -173,14 +177,17 @@ class Proposals:
             if shape_of(thing.first).centroid.distance(seen.centroid) > self._policy.moved_m:
                 thing.views, thing.first, thing.since = {}, corners(seen), now
                 thing.proposed, thing.is_rejected = None, False
-            thing.views, thing.seen = {**thing.views, **views}, now
+            others = {robot: view for robot, view in thing.views.items() if robot not in views}
+            thing.views, thing.seen = dict([*others.items(), *views.items()][-MAX_VIEWS:]), now
+            thing.outline = corners(shape_of(point for view in thing.views.values() for point in view.outline))
             return thing
         if len(self._things) >= self._policy.most:
             least = min(self._things.values(), key=lambda each: (each.is_open, each.is_rejected, each.seen))
             if least.is_open:
                 return None
             del self._things[least.name]
-        thing = Thing(self._free_name(), floor, views, corners(seen), now, now)
+        outline = corners(seen)
+        thing = Thing(self._free_name(), floor, views, outline, outline, now, now)
         self._things[thing.name] = thing
         return thing
 
@@ -257,9 +264,8 @@ class Proposals:
 
     def _proposal(self, thing: Thing) -> Proposal:
         now = self._clock()
-        age_s, outline = now - (thing.proposed or now), corners(thing.shape)
-        seen_by = tuple(sorted(thing.views))
-        return Proposal(thing.name, thing.floor, outline, thing.certainty, seen_by, age_s, now - thing.seen)
+        age_s, seen_by = now - (thing.proposed or now), tuple(sorted(thing.views))
+        return Proposal(thing.name, thing.floor, thing.outline, thing.certainty, seen_by, age_s, now - thing.seen)
 
     def _update(self, is_edited: bool = False) -> None:
         """Propose what is certain by now, forget what is not seen any more, and plan around the rest."""

@@ -139,10 +139,13 @@ def test_anybody_proposes_what_they_are_sure_of(place: Place) -> None:
         ("L1", outline[:2], 0.9, "Ada"),
         ("L1", [(0.0, math.nan), *outline], 0.9, "Ada"),
         ("L1", outline, 1.5, "Ada"),
-        ("L1", outline, 0.5, ""),
+        *(("L1", outline, 0.5, who) for who in ("", "a\nb", "x" * 61)),
     ):
         with pytest.raises(InvalidElement, match="object 'proposal' on L1: "):
             place.proposals.propose(floor, points, certainty, who)
+    for number in range(30):
+        place.proposals.propose("L1", outline, 0.9, f"camera {number:02}")
+    assert place.proposals.find(name).seen_by == tuple(f"camera {number}" for number in range(10, 30))
     with pytest.raises(UnknownElement, match="no floor 'L9'"):
         place.proposals.propose("L9", outline, 0.9, "Ada")
     desk = MapObject("desk", BoxShape((1.0, 1.0)), (5.0, 3.0))
