@@ -7,7 +7,6 @@ that was hit once is forgotten in a second, one that was hit often in KEPT_S: wh
 from __future__ import annotations
 
 import logging
-import math
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -28,7 +27,7 @@ from robocorba.robot.senses import Senses
 from robocorba.system.repeating import Repeating
 
 #: Interval between scans while the robot has a task, and between looks whether it has one [s].
-SCAN_S, IDLE_S = 0.2, 1.0
+SCAN_S, IDLE_S = 0.25, 1.0
 #: Distance from the sensor up to which hits count [m]: there, a laser's rays are 9 cm apart.
 RANGE_M = 5.0
 #: Side of a cell; cells up to about GAP_M apart are one thing, of at most LARGEST_M [m].
@@ -53,7 +52,7 @@ _log = logging.getLogger(__name__)
 
 class SeenThing(NamedTuple):
     """A thing that no map has. number: stays while the thing is seen, and is never used again by this robot. outline:
-    corners (n, 2) of the convex hull of what was seen of it [m], which may be one side only; at: its centroid.
+    corners (n, 2) of the convex hull of the cells in which it was seen [m], often of one side only. at: its centroid.
     certainty: probability that it is there. first_seen, last_seen: by time.time [s]."""
 
     number: int
@@ -155,27 +154,30 @@ class Perception:
 
     def _found(self, robot: XY, now: float) -> list[SeenThing]:
         cells, points = self._cells, _points(self._cells)
+        if not len(cells):
+            return []
         parts = _parts(points)
-        counts, sums = np.bincount(parts), np.bincount(parts, cells["odds"])
         order = np.argsort(parts, kind="stable")
-        hulls = shapely.convex_hull(shapely.multipoints(points[order], indices=parts[order]))
-        outlines = shapely.buffer(hulls, CELL_M / 2, cap_style="square", join_style="mitre", mitre_limit=2.0)
+        first, counts = np.searchsorted(parts[order], np.arange(parts.max() + 1)), np.bincount(parts)
+        sums, seen = np.bincount(parts, cells["odds"]), np.maximum.reduceat(cells["seen"][order], first).tolist()
+        certainties = (1.0 / (1.0 + np.exp(-sums / counts))).tolist()
+        half = CELL_M / 2
+        corners = points[order][:, None] + ((-half, -half), (half, -half), (half, half), (-half, half))
+        squares = shapely.multipoints(corners.reshape(-1, 2), indices=np.repeat(parts[order], 4))
+        outlines = shapely.convex_hull(squares)
         centres = shapely.get_coordinates(shapely.centroid(outlines))
         nearest = np.argsort(np.hypot(*(centres - robot).T))
-        first_seen, found = {thing.number: thing.first_seen for thing in self.things}, []
-        taken: set[int] = set()
+        first_seen = {thing.number: thing.first_seen for thing in self.things}
+        taken, found = {0}, []
         for part in nearest[sums[nearest] >= THING][:MAX_THINGS].tolist():
-            its = parts == part
-            free = set(cells["thing"][its].tolist()) - taken - {0}
-            if not free:
-                self._last_number += 1
-            number = min(free, default=self._last_number)
+            its = order[first[part] : first[part] + counts[part]]
+            number = min(set(cells["thing"][its].tolist()) - taken, default=self._last_number + 1)
+            self._last_number = max(self._last_number, number)
             taken.add(number)
             cells["thing"][its] = number
-            corners, (x, y) = shapely.get_coordinates(outlines[part])[:-1], centres[part].tolist()
-            certainty = 1.0 / (1.0 + math.exp(-float(sums[part] / counts[part])))
-            times = first_seen.get(number, now), float(cells["seen"][its].max())
-            found.append(SeenThing(number, self._floor, corners, (x, y), certainty, *times))
+            outline, (x, y) = shapely.get_coordinates(outlines[part])[:-1], centres[part].tolist()
+            times = first_seen.get(number, now), seen[part]
+            found.append(SeenThing(number, self._floor, outline, (x, y), certainties[part], *times))
         return found
 
     def _publish(self, things: Sequence[SeenThing]) -> None:
@@ -253,8 +255,6 @@ def _with_hits(cells: npt.NDArray[np.void], hits: Floats, now: float) -> npt.NDA
 def _parts(points: Floats) -> Longs:
     """To which part (n,) points belong, counted from 0: those in squares of GAP_M that touch are one, but of something
     larger than LARGEST_M those in a square of that side."""
-    if not len(points):
-        return np.empty(0, np.int64)
     squares, square_of = np.unique(_keys(points, GAP_M), return_inverse=True)
     left, groups = set(squares.tolist()), {}
     for square in squares.tolist():
