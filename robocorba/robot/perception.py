@@ -6,7 +6,7 @@ that was hit once is forgotten in a second, one that was hit often in KEPT_S: wh
 
 from __future__ import annotations
 
-import logging
+import math
 import time
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -17,6 +17,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
@@ -39,6 +40,8 @@ POSE_M, POSE_RAD = 0.1, 0.02
 HIT, PASSED, SURE, THING = 0.4, 0.8, 3.5, 0.8
 #: Time after which a cell that was hit once is forgotten, and one that is sure, if no ray goes there [s].
 BRIEF_S, KEPT_S = 0.5, 60.0
+#: Age of the last look above which the robot does not drive [s].
+MAX_AGE_S = 1.0
 MAX_CELLS, MAX_THINGS = 4000, 30
 
 #: Says which points (n, 2) of a floor are within some distances (n,) of what the robot knows [m]: walls, doors, objects
@@ -46,8 +49,6 @@ MAX_CELLS, MAX_THINGS = 4000, 30
 Explains = Callable[[str, Floats, Floats], npt.NDArray[np.bool_]]
 #: x, y: mean of the hits [m]. seen: time of the last one [s]. thing: its number, 0 for none.
 _CELL = np.dtype([("key", "i8"), ("x", "f8"), ("y", "f8"), ("odds", "f8"), ("seen", "f8"), ("thing", "i8")])
-
-_log = logging.getLogger(__name__)
 
 
 class SeenThing(NamedTuple):
@@ -86,6 +87,8 @@ class Perception:
         #: Sorted by key.
         self._cells = np.empty(0, _CELL)
         self._last_number = 0
+        #: When the last look with all sensors began [s, monotonic], and why there was none since.
+        self._looked_at, self._problem = -math.inf, ""
         self._subscribers: tuple[Callable[[Sequence[SeenThing]], None], ...] = ()
         #: What is there now, the nearest MAX_THINGS; replaced, never changed.
         self.things: Sequence[SeenThing] = ()
@@ -103,6 +106,14 @@ class Perception:
         """Look now: the robot begins to do something."""
         self._reader.wake()
 
+    def check(self) -> None:
+        """Raise NotReachable while the last look is older than MAX_AGE_S: then the robot must not drive."""
+        age_s = time.monotonic() - self._looked_at
+        if age_s > MAX_AGE_S:
+            raise NotReachable(
+                f"what its sensors see is unknown: {self._problem or f'the last scan is {age_s:.2f} s old'}"
+            )
+
     def subscribe(self, receive: Callable[[Sequence[SeenThing]], None]) -> None:
         """Have `receive` called with all things after each update that changed any, in the thread that updates; it must
         not block."""
@@ -115,20 +126,21 @@ class Perception:
     # ---- in the thread that updates ----
 
     def _look(self) -> None:
-        senses, scans, floor = self._senses(), [], self._floor
-        if senses and self._is_needed():
-            for sensor in senses.sensors:
-                try:
-                    floor = self._floor_of_robot()
-                    scan = read_scan(senses, sensor, self._carried())
-                    if (pose := self._track.at(scan.time)) and floor == self._floor_of_robot():
-                        scans.append(scan.placed(pose))
-                except RoboCorbaError as error:
-                    _log.debug("%s: %s", sensor.name, error)
+        began, senses, floor = time.monotonic(), self._senses(), self._floor
+        scans: list[Scan] = []
+        sensors = senses.sensors if senses and self._is_needed() else ()
         try:
+            for sensor in sensors:
+                assert senses
+                floor = self._floor_of_robot()
+                scan = read_scan(senses, sensor, self._carried())
+                if (pose := self._track.at(scan.time)) and floor == self._floor_of_robot():
+                    scans.append(scan.placed(pose))
             self.update(floor, scans, time.time())
+            self._problem = ""
+            self._looked_at = began if sensors and len(scans) == len(sensors) else self._looked_at
         except RoboCorbaError as error:
-            _log.debug("what the robot knows: %s", error)
+            self._problem = str(error)
 
     def update(self, floor: str, scans: Sequence[Scan], now: float) -> None:
         """Take in scans that were placed on a floor; without scans, forget what is old. now: time.time [s]. Raises what
