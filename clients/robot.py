@@ -31,6 +31,7 @@ from robocorba.robot import sightings
 from robocorba.robot.agent import AgentCalls, AgentState, ControlAgent
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
+from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY
 from robocorba.robot.corba.adaptor_servant import RobotSensorsServant
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
@@ -154,7 +155,7 @@ def perceiving(
     listen()
     stack.callback(Repeating("names of robots", listen, 1.0).start().close)
     told = Told(name, lambda: perception.obstacles, lambda: (session.latest.at.x, session.latest.at.y))
-    nearby = Nearby(pool, name, seen=lambda: told.obstacles, tells=tell.__contains__)
+    nearby = Nearby(pool, name, DEFAULT_POLICY, lambda: told.obstacles, lambda: perception.check(), tell.__contains__)
     perception = Perception(
         *(lambda: agent().senses, lambda: session.latest.at.floor, nearby.explains),
         is_needed=lambda: not agent().is_resting,

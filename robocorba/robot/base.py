@@ -98,6 +98,7 @@ class BaseMovements:
         goal, limit = Place(floor, x, y), self._speed(speed)
         points = (self._path_around(goal, limit) if around_obstacles else None) or self._path_past_seen(goal, limit)
         blockages = detours = 0
+        stuck_since = self.clock()
         while True:
             start = self.controller.state
             try:
@@ -107,27 +108,42 @@ class BaseMovements:
                 if (nearby := self._nearby) is None or not (blocked.other or nearby.seen.names):
                     raise
                 now = self.controller.state
-                got_on = math.dist((start.x, start.y), (now.x, now.y)) > 0.1  # [m]
-                blockages, detours = blockages + (bool(blocked.other) or not got_on), detours + (not blocked.other)
+                is_stuck = math.dist((start.x, start.y), (now.x, now.y)) < 0.1  # [m]
+                stuck_since = stuck_since if is_stuck else self.clock()
+                blockages, detours = blockages + bool(blocked.other), detours + (not blocked.other)
                 if blockages > nearby.policy.max_blockages or detours > nearby.policy.max_detours:
+                    raise
+                if not blocked.other and self.clock() - stuck_since > nearby.policy.max_stuck_s:
                     raise
                 _log.info("%s", blocked)
                 if blocked.other:
                     self._step_aside(nearby, blocked.other)
                     points = self._path_after_blockage(nearby, blocked.other, goal, limit)
                 else:
+                    if is_stuck:  # by something that moves, perhaps
+                        self.wait(random.uniform(0.3, 0.8))
                     points = self._path_past_seen(goal, limit)
 
     def _path_past_seen(self, goal: Place, speed: float) -> list[PathPoint]:
-        """A path past objects and what the robot sees: while that blocks every path, searched twice a second until the
-        policy's longest pause is over."""
-        deadline = self.clock() + self._nearby.policy.max_search_s if self._nearby else -math.inf
+        """A path past objects and what the robot sees, as soon as it does: while that blocks every path, searched twice
+        a second until the policy's longest pause is over."""
+        if (nearby := self._nearby) is None:
+            return self._path_past_objects(goal, speed)
+        deadline = self.clock() + nearby.policy.max_search_s
         with self.execution.awaiting(lambda: "a free way past what it sees"):
             while True:
+                is_late = self.clock() >= deadline
+                try:
+                    nearby.check_seen()
+                except NotReachable:
+                    if is_late:
+                        raise
+                    self.wait(0.05)
+                    continue
                 try:
                     return self._path_past_objects(goal, speed)
                 except PathError:
-                    if self._nearby is None or not self._nearby.seen.names or self.clock() >= deadline:
+                    if is_late or not nearby.seen.names:
                         raise
                 self.wait(0.5)
 

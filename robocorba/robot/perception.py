@@ -6,7 +6,6 @@ that was hit once is forgotten in a second, one that was hit often in KEPT_S: wh
 
 from __future__ import annotations
 
-import logging
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -18,6 +17,7 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.arrays import Floats, Longs
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
@@ -28,7 +28,7 @@ from robocorba.robot.senses import Senses
 from robocorba.system.repeating import Repeating
 
 #: Interval between scans while the robot has a task, and between looks whether it has one [s].
-SCAN_S, IDLE_S = 0.2, 1.0
+SCAN_S, IDLE_S = 0.25, 1.0
 #: Distance from the sensor up to which hits count [m]: there, a laser's rays are 9 cm apart.
 RANGE_M = 5.0
 #: Side of a cell; cells up to about GAP_M apart are one thing, of at most LARGEST_M [m].
@@ -40,6 +40,8 @@ POSE_M, POSE_RAD = 0.1, 0.02
 HIT, PASSED, SURE, THING = 0.4, 0.8, 3.5, 0.8
 #: Time after which a cell that was hit once is forgotten, and one that is sure, if no ray goes there [s].
 BRIEF_S, KEPT_S = 0.5, 60.0
+#: Age of the last look above which the robot does not drive [s].
+MAX_AGE_S = 1.0
 MAX_CELLS, MAX_THINGS = 4000, 30
 
 #: Says which points (n, 2) of a floor are within some distances (n,) of what the robot knows [m]: walls, doors, objects
@@ -48,12 +50,10 @@ Explains = Callable[[str, Floats, Floats], npt.NDArray[np.bool_]]
 #: x, y: mean of the hits [m]. seen: time of the last one [s]. thing: its number, 0 for none.
 _CELL = np.dtype([("key", "i8"), ("x", "f8"), ("y", "f8"), ("odds", "f8"), ("seen", "f8"), ("thing", "i8")])
 
-_log = logging.getLogger(__name__)
-
 
 class SeenThing(NamedTuple):
     """A thing that no map has. number: stays while the thing is seen, and is never used again by this robot. outline:
-    corners (n, 2) of the convex hull of what was seen of it [m], which may be one side only; at: its centroid.
+    corners (n, 2) of the convex hull of the cells in which it was seen [m], often of one side only. at: its centroid.
     certainty: probability that it is there. first_seen, last_seen: by time.time [s]."""
 
     number: int
@@ -87,6 +87,8 @@ class Perception:
         #: Sorted by key.
         self._cells = np.empty(0, _CELL)
         self._last_number = 0
+        #: When the last look with all sensors began [s, monotonic], and why there was none since.
+        self._looked_at, self._problem = -math.inf, ""
         self._subscribers: tuple[Callable[[Sequence[SeenThing]], None], ...] = ()
         #: What is there now, the nearest MAX_THINGS; replaced, never changed.
         self.things: Sequence[SeenThing] = ()
@@ -104,6 +106,14 @@ class Perception:
         """Look now: the robot begins to do something."""
         self._reader.wake()
 
+    def check(self) -> None:
+        """Raise NotReachable while the last look is older than MAX_AGE_S: then the robot must not drive."""
+        age_s = time.monotonic() - self._looked_at
+        if age_s > MAX_AGE_S:
+            raise NotReachable(
+                f"what its sensors see is unknown: {self._problem or f'the last scan is {age_s:.2f} s old'}"
+            )
+
     def subscribe(self, receive: Callable[[Sequence[SeenThing]], None]) -> None:
         """Have `receive` called with all things after each update that changed any, in the thread that updates; it must
         not block."""
@@ -116,20 +126,21 @@ class Perception:
     # ---- in the thread that updates ----
 
     def _look(self) -> None:
-        senses, scans, floor = self._senses(), [], self._floor
-        if senses and self._is_needed():
-            for sensor in senses.sensors:
-                try:
-                    floor = self._floor_of_robot()
-                    scan = read_scan(senses, sensor, self._carried())
-                    if (pose := self._track.at(scan.time)) and floor == self._floor_of_robot():
-                        scans.append(scan.placed(pose))
-                except RoboCorbaError as error:
-                    _log.debug("%s: %s", sensor.name, error)
+        began, senses, floor = time.monotonic(), self._senses(), self._floor
+        scans: list[Scan] = []
+        sensors = senses.sensors if senses and self._is_needed() else ()
         try:
+            for sensor in sensors:
+                assert senses
+                floor = self._floor_of_robot()
+                scan = read_scan(senses, sensor, self._carried())
+                if (pose := self._track.at(scan.time)) and floor == self._floor_of_robot():
+                    scans.append(scan.placed(pose))
             self.update(floor, scans, time.time())
+            self._problem = ""
+            self._looked_at = began if sensors and len(scans) == len(sensors) else self._looked_at
         except RoboCorbaError as error:
-            _log.debug("what the robot knows: %s", error)
+            self._problem = str(error)
 
     def update(self, floor: str, scans: Sequence[Scan], now: float) -> None:
         """Take in scans that were placed on a floor; without scans, forget what is old. now: time.time [s]. Raises what
@@ -155,27 +166,30 @@ class Perception:
 
     def _found(self, robot: XY, now: float) -> list[SeenThing]:
         cells, points = self._cells, _points(self._cells)
+        if not len(cells):
+            return []
         parts = _parts(points)
-        counts, sums = np.bincount(parts), np.bincount(parts, cells["odds"])
         order = np.argsort(parts, kind="stable")
-        hulls = shapely.convex_hull(shapely.multipoints(points[order], indices=parts[order]))
-        outlines = shapely.buffer(hulls, CELL_M / 2, cap_style="square", join_style="mitre", mitre_limit=2.0)
+        first, counts = np.searchsorted(parts[order], np.arange(parts.max() + 1)), np.bincount(parts)
+        sums, seen = np.bincount(parts, cells["odds"]), np.maximum.reduceat(cells["seen"][order], first).tolist()
+        certainties = (1.0 / (1.0 + np.exp(-sums / counts))).tolist()
+        half = CELL_M / 2
+        corners = points[order][:, None] + ((-half, -half), (half, -half), (half, half), (-half, half))
+        squares = shapely.multipoints(corners.reshape(-1, 2), indices=np.repeat(parts[order], 4))
+        outlines = shapely.convex_hull(squares)
         centres = shapely.get_coordinates(shapely.centroid(outlines))
         nearest = np.argsort(np.hypot(*(centres - robot).T))
-        first_seen, found = {thing.number: thing.first_seen for thing in self.things}, []
-        taken: set[int] = set()
+        first_seen = {thing.number: thing.first_seen for thing in self.things}
+        taken, found = {0}, []
         for part in nearest[sums[nearest] >= THING][:MAX_THINGS].tolist():
-            its = parts == part
-            free = set(cells["thing"][its].tolist()) - taken - {0}
-            if not free:
-                self._last_number += 1
-            number = min(free, default=self._last_number)
+            its = order[first[part] : first[part] + counts[part]]
+            number = min(set(cells["thing"][its].tolist()) - taken, default=self._last_number + 1)
+            self._last_number = max(self._last_number, number)
             taken.add(number)
             cells["thing"][its] = number
-            corners, (x, y) = shapely.get_coordinates(outlines[part])[:-1], centres[part].tolist()
-            certainty = 1.0 / (1.0 + math.exp(-float(sums[part] / counts[part])))
-            times = first_seen.get(number, now), float(cells["seen"][its].max())
-            found.append(SeenThing(number, self._floor, corners, (x, y), certainty, *times))
+            outline, (x, y) = shapely.get_coordinates(outlines[part])[:-1], centres[part].tolist()
+            times = first_seen.get(number, now), seen[part]
+            found.append(SeenThing(number, self._floor, outline, (x, y), certainties[part], *times))
         return found
 
     def _publish(self, things: Sequence[SeenThing]) -> None:
@@ -253,8 +267,6 @@ def _with_hits(cells: npt.NDArray[np.void], hits: Floats, now: float) -> npt.NDA
 def _parts(points: Floats) -> Longs:
     """To which part (n,) points belong, counted from 0: those in squares of GAP_M that touch are one, but of something
     larger than LARGEST_M those in a square of that side."""
-    if not len(points):
-        return np.empty(0, np.int64)
     squares, square_of = np.unique(_keys(points, GAP_M), return_inverse=True)
     left, groups = set(squares.tolist()), {}
     for square in squares.tolist():

@@ -193,9 +193,12 @@ def test_the_thread_reads_the_sensors_and_ends() -> None:
 
     perception = Perception(Ahead, lambda: "L1", lambda floor, points, within_m: np.zeros(len(points), bool))
     perception.observe(RobotState(1.0, 3.0, 4.0, math.pi / 2))
+    with pytest.raises(NotReachable, match="what its sensors see is unknown"):
+        perception.check()
     perception.start()
     try:
         eventually(lambda: perception.things, 60.0, "that it sees the wall")
+        perception.check()
     finally:
         perception.close()
     for thing in perception.things:

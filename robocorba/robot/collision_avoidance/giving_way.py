@@ -87,8 +87,9 @@ class GiveWay:
         command = self._motion.command(state, elapsed_s - self._unknown_s)
         if command is None:
             return None
-        self._check_path(state)
         try:
+            self._nearby.check_seen()
+            self._check_path(state)
             share, other = self._allowed_share(state, command.velocity, elapsed_s)
         except NotReachable as error:
             self._check_patience(error, elapsed_s)

@@ -56,8 +56,9 @@ class OtherRobot(NamedTuple):
 
 class Nearby:
     """The robot `name` among others: its surroundings, and its policy of giving way. Thread-safe. pool: one that a
-    PoolFollower keeps up to date. seen: returns what the robot itself sees, the same object until it changes. tells:
-    whether a robot tells its pose; one that does not is no robot here, only what is seen of it."""
+    PoolFollower keeps up to date. seen: returns what the robot itself sees, the same object until it changes, and
+    check_seen raises NotReachable while that is old. tells: whether a robot tells its pose; one that does not is no
+    robot here, only what is seen of it."""
 
     def __init__(
         self,
@@ -65,9 +66,11 @@ class Nearby:
         name: str,
         policy: GivingWayPolicy = DEFAULT_POLICY,
         seen: Callable[[], TemporaryObstacles] = lambda: NO_OBSTACLES,
+        check_seen: Callable[[], None] = lambda: None,
         tells: Callable[[str], bool] = lambda name: True,
     ) -> None:
         self._pool, self.name, self.policy, self._seen, self._tells = pool, name, policy, seen, tells
+        self.check_seen = check_seen
         self._outlined = _Outlines(NO_OBSTACLES, "")
 
     def others(self, x: float, y: float) -> list[OtherRobot]:

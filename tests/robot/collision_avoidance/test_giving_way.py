@@ -70,6 +70,9 @@ class Base:
     def clearance_m(self, x: float, y: float) -> float:
         return self.wall_y - y
 
+    def check_seen(self) -> None:
+        pass
+
     def seen_around(self, x: float, y: float) -> Floats:
         corners = [corner for _, outline in self.seen.forbidden_areas for corner in outline]
         return np.array(corners).reshape(-1, 2) - (x, y)
