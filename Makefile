@@ -17,6 +17,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
 	@echo "make demo CONSOLE=1    the same, watched in the browser; the system stays until Ctrl-C"
+	@echo "make demo DEMO=perception    three robots find a chair that no map has; writes perception-output"
 	@echo "make test    run the tests that show that the system works; make test-all runs all, make test-rest the others"
 	@echo "make lint    check formatting, lint and types"
 	@echo "make bench   measure the path planner; tables on the terminal, JSON and pictures in bench/results"
@@ -52,7 +53,7 @@ $(VENV)/.stubs: $(VENV)/.installed $(wildcard idl/*.idl idl/openrtm/*.idl) idl/m
 stubs: $(VENV)/.stubs
 
 demo: stubs
-	@$(BIN)/python -m robocorba.clients.demo $(if $(CONSOLE),--console)
+	@$(BIN)/python -m robocorba.clients.$(if $(filter perception,$(DEMO)),perception_)demo $(if $(CONSOLE),--console)
 
 # The two halves of the suite, CONTRIBUTING.md; test-all runs both at once.
 test: HALF := -m "not full"
@@ -97,5 +98,5 @@ ros2: stubs
 	@$(BIN)/python -m testkit.ros2_environment
 
 clean:
-	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output docs/api
+	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output perception-output docs/api
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

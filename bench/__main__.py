@@ -14,7 +14,17 @@ BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
-    "robots": ("kinematics", "virtual_and_actual", "control", "stops", "protection", "kept_stops", "stop_all", "fleet"),
+    "robots": (
+        "kinematics",
+        "virtual_and_actual",
+        "control",
+        "stops",
+        "protection",
+        "perception",
+        "kept_stops",
+        "stop_all",
+        "fleet",
+    ),
     "missions": (
         *("carry", "network", "many", "many --site elevators", "faults", "faults --fault robots"),
         *("faults --fault servers --site door", "faults --fault cut", "faults --fault ways"),

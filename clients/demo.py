@@ -21,7 +21,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Any, NamedTuple
@@ -118,25 +118,34 @@ def goal_error(table: MovableObject, goal: Destination) -> GoalError:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     given = _parse(arguments)
-    scene, folder, console = QUICK if given.quick else PAPER, given.folder, Console(soft_wrap=True, highlight=False)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _end)  # child processes are ended, too
-    logs: Path = folder / "logs"
-    began = time.monotonic()
-    try:
-        require_extra("console" if given.console else "films", "pictures of the demo")
-        logs.mkdir(parents=True, exist_ok=True)
+    scene, folder = QUICK if given.quick else PAPER, given.folder
+
+    def show(state: Path, logs: Path, console: Console) -> bool:
         for file in (page.PAGE, REPORT_FILE, FILM, *PICTURES):
             (folder / file).unlink(missing_ok=True)
+        return play(scene, folder, state, logs, console, not given.quick, given.console)
+
+    return present(folder, "console" if given.console else "films", show)
+
+
+def present(folder: Path, extra: str, show: Callable[[Path, Path, Console], bool]) -> int:
+    """Run a demo: `show` gets a folder for the system's state, one for logs, and where to print. Returns the exit code,
+    0 only if `show` returns true. extra: what must be installed."""
+    console, logs, began = Console(soft_wrap=True, highlight=False), folder / "logs", time.monotonic()
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, _end)  # child processes are ended, too
+    try:
+        require_extra(extra, "pictures of the demo")
+        logs.mkdir(parents=True, exist_ok=True)
         with _state_folder(logs) as state:
-            is_at_goal = play(scene, folder, state, logs, console, not given.quick, given.console)
+            is_good = show(state, logs, console)
     except (RoboCorbaError, CORBA.Exception, OSError) as error:
         reason = error_of(error)
     except KeyboardInterrupt as signalled:
         reason = f"ended by {str(signalled) or 'Ctrl-C'}"
     else:
         console.print(f"total {time.monotonic() - began:.0f} s; logs are in {logs}")
-        return 0 if is_at_goal else 1
+        return 0 if is_good else 1
     line(f"demo: {reason}; logs are in {logs}", err=True)
     return 1
 
@@ -154,18 +163,18 @@ def play(
     Ctrl-C at the end. Raises RoboCorbaError, CORBA.Exception."""
     with contextlib.ExitStack() as stack:
         subnets = ",".join(dict.fromkeys(robot.channel for robot in scene.robots.values()))
-        with _starting("Servers", console):
+        with starting("Servers", console):
             options = ["--building", str(sample_path(BUILDING)), "--subnets", subnets]
             if with_browser:
                 options += ["--console", "--console-port", "0"]
             naming = stack.enter_context(servers(state, *options))
         if with_browser:
-            console.print(f"  [bold]console: {_console_address(state)}[/bold]")
+            console.print(f"  [bold]console: {console_address(state)}[/bold]")
         console.print(f"  sub-networks {subnets}; a gateway links their event channels")
         console.print(f"  address for CORBA clients: {corbaname(naming, 'RoboCorba/SimulationServer')}")
         orb = stack.enter_context(Orb(naming))
-        with _starting("Robots", console):
-            _start_robots(stack, scene, naming, state, logs)
+        with starting("Robots", console):
+            start_robots(stack, scene.robots, naming, state, logs)
         for name, robot in scene.robots.items():
             console.print(f"  {name} at {place(FLOOR, robot.x, robot.y)} in sub-network {robot.channel}")
         _show_path(orb, scene, console)
@@ -183,19 +192,26 @@ def play(
         console.print(f"[{colour}]Simulation server: the {TABLE} is {error}[/]")
         _report(folder, state, error, scene, console)
         if with_browser:
-            _wait_for_ctrl_c(console, _console_address(state))
+            wait_for_ctrl_c(console, console_address(state))
     return is_good
 
 
 # ---- before the mission ----
 
 
-def _start_robots(stack: contextlib.ExitStack, scene: DemoScene, naming: Address, state: Path, logs: Path) -> None:
+def start_robots(
+    stack: contextlib.ExitStack,
+    robots: Mapping[str, StartPose],
+    naming: Address,
+    state: Path,
+    logs: Path,
+    *options: str,
+) -> None:
     """Start the leader first, so that on a new machine only one robot compiles the kernels. Raises StartFailed."""
     running = {}
-    for name, robot in scene.robots.items():
-        options = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
-        command = (robocorba(), "robot", name, *options, "--naming", str(naming), "--state", str(state))
+    for name, robot in robots.items():
+        where = ("--floor", FLOOR, "--at", f"{robot.x},{robot.y},{robot.heading}", "--channel", robot.channel)
+        command = (robocorba(), "robot", name, *where, "--naming", str(naming), "--state", str(state), *options)
         running[name] = stack.enter_context(ReadyProcess(logs / f"robot-{name}.log", *command))
         if name == LEADER:
             running[name].wait_ready()
@@ -297,7 +313,7 @@ def _report(folder: Path, state: Path, error: GoalError, scene: DemoScene, conso
 
 
 @contextlib.contextmanager
-def _starting(what: str, console: Console) -> Iterator[None]:
+def starting(what: str, console: Console) -> Iterator[None]:
     """Print what is started, how long it took, and the reason if it takes long."""
     began = time.monotonic()
     console.print(f"[bold]{what}[/bold]")
@@ -328,7 +344,7 @@ def _state_folder(logs: Path) -> Iterator[Path]:
                 shutil.copy(log, logs)
 
 
-def _console_address(state: Path) -> str:
+def console_address(state: Path) -> str:
     """Where browsers find the operator's console. Raises StartFailed."""
     record = StateFolder(state).read_record()
     if record is None or not record.console_address:
@@ -336,7 +352,7 @@ def _console_address(state: Path) -> str:
     return record.console_address
 
 
-def _wait_for_ctrl_c(console: Console, address: str) -> None:
+def wait_for_ctrl_c(console: Console, address: str) -> None:
     """Wait for Ctrl-C, which ends the system, or for a signal, which ends the demo."""
     console.print(f"The system goes on, with the console at {address}; Ctrl-C ends it.")
     try:

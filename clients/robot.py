@@ -6,8 +6,10 @@ import contextlib
 import logging
 import math
 import secrets
-from collections.abc import Iterable, Sequence
+import time
+from collections.abc import Callable, Iterable, Sequence
 
+import msgspec
 from omniORB import CORBA
 
 from robocorba.clients.cooperation import Cooperation
@@ -25,9 +27,11 @@ from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.robot import sightings
 from robocorba.robot.agent import AgentCalls, AgentState, ControlAgent
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
 from robocorba.robot.collision_avoidance.neighbours import Nearby
+from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY
 from robocorba.robot.corba.adaptor_servant import RobotSensorsServant
 from robocorba.robot.corba.control_agent_servant import RobotAgentServant, StopTargetServant
 from robocorba.robot.corba.data_pool_servant import DataPoolServant
@@ -36,11 +40,13 @@ from robocorba.robot.corba.remote_session import RemoteSession
 from robocorba.robot.corba.robot_channel import RobotChannel
 from robocorba.robot.corba.stop_listener import listen_for_stops
 from robocorba.robot.data_pool.plans import Plans
+from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.data_pool.start_places import start_places
 from robocorba.robot.display import Display
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, MASS_KG, RADIUS_M
 from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.robot.perception import Perception
 from robocorba.robot.posture_report import INTERVAL_S, REFRESH_S, PostureReport
 from robocorba.robot.programs import program
 from robocorba.robot.programs.base_checks import Planner
@@ -49,11 +55,12 @@ from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.realtime import raise_process_priority
 from robocorba.robot.senses import Senses, program_ranges_m
+from robocorba.robot.sightings import EXPIRY_S, SightingReport, Told, seen_obstacles
 from robocorba.robot.tick_file import TickFile
 from robocorba.simulation.registry import Description, Pose
 from robocorba.system import logs
 from robocorba.system.kernel_store import store
-from robocorba.system.names import CHANNELS, MISSIONS, ROBOTS
+from robocorba.system.names import CHANNELS, MISSIONS, ROBOTS, SIGHTING_EVENT
 from robocorba.system.printing import fail
 from robocorba.system.private_files import claim_state
 from robocorba.system.processes import RobotProgress
@@ -123,6 +130,47 @@ def channel_for(orb: Orb, wanted: str | None, at: Pose) -> str:
         there = ", ".join(sorted(known)[:40]) or "none"
         _log.warning("%s%s has no event channel; there are %s", source, channel, there)
     return channel if wanted or channel in known else ""
+
+
+def perceiving(
+    stack: contextlib.ExitStack,
+    orb: Orb,
+    session: RemoteSession,
+    pool: DataPool,
+    name: str,
+    channel: str,
+    agent: Callable[[], ControlAgent],
+) -> tuple[Nearby, Perception]:
+    """What is near a robot that goes by its sensors, until the end of `stack`: a robot in the pool tells its pose if
+    its agent has a name; every other one has to be seen, like things that no map has. At the event channel it tells
+    others what it sees, and learns what they see."""
+    tell: set[str] = set()
+
+    def listen() -> None:
+        with contextlib.suppress(NotReachable):
+            names = set(orb.names(ROBOTS))
+            tell.update(names)
+            tell.intersection_update(names)
+
+    listen()
+    stack.callback(Repeating("names of robots", listen, 1.0).start().close)
+    told = Told(name, lambda: perception.obstacles, lambda: (session.latest.at.x, session.latest.at.y))
+    nearby = Nearby(pool, name, DEFAULT_POLICY, lambda: told.obstacles, lambda: perception.check(), tell.__contains__)
+    perception = Perception(
+        *(lambda: agent().senses, lambda: session.latest.at.floor, nearby.explains),
+        is_needed=lambda: not agent().is_resting,
+        carried=lambda: nearby.carried(session.latest.holding),
+    )
+    if channel:
+        events = RobotChannel(orb, channel, name)
+        stack.callback(events.close)
+        events.keep_subscribed([(SIGHTING_EVENT, "*")], told.receive)
+        report = SightingReport(
+            lambda: seen_obstacles(perception.things, time.time()),
+            lambda seen: events.publish(SIGHTING_EVENT, msgspec.to_builtins(seen), 0.0, EXPIRY_S),
+        )
+        stack.callback(Repeating("sightings", report.update, sightings.INTERVAL_S).start().close)
+    return nearby, perception
 
 
 def progress_of(shown: Display, report: ProgramReport) -> RobotProgress:
@@ -198,8 +246,12 @@ def run(arguments: Sequence[str] | None) -> None:
         def prepare() -> None:
             follower.attend()
             postures.wake()
+            if perception:
+                perception.wake()
 
-        nearby = Nearby(follower.pool, settings.name)
+        nearby, perception = Nearby(follower.pool, settings.name), None
+        if settings.perceives:
+            nearby, perception = perceiving(stack, orb, session, follower.pool, settings.name, channel, lambda: agent)
 
         def check_now(wanted: Program, state: AgentState) -> CheckReport:
             follower.attend()
@@ -207,13 +259,15 @@ def run(arguments: Sequence[str] | None) -> None:
             return checker(wanted, state, objects, nearby.parked_robots(), agent.senses)
 
         context = AdaptorContext(settings.name, session, orb)
-        calls = AgentCalls(check_now, prepare, progress.wake)
-        agent = ControlAgent(context, planner, others, nearby, ticks, calls, settings.protects)
+        calls = AgentCalls(check_now, prepare, progress.wake, perception.observe if perception else None)
+        agent = ControlAgent(context, planner, others, nearby, ticks, calls, settings.protects, settings.perceives)
         stack.callback(agent.close)
         session.stop_target = orb.activate(StopTargetServant(agent), f"stop/{secrets.token_urlsafe(24)}")
         session.floors_since = follower.floors_since
         follower.start()
         agent.start(settings.adaptor, settings.adaptor_arguments)
+        if perception:
+            stack.callback(perception.start().close)
         stack.callback(postures.start().close)
 
         def attend() -> None:

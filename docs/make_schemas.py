@@ -11,6 +11,7 @@ from typing import Any, get_type_hints
 
 import msgspec
 
+from robocorba.map_editor.sightings import ObstaclesSeen
 from robocorba.map_editor.spatial.floor_format import FloorUpdateMap
 from robocorba.missions.messages import KINDS
 from robocorba.missions.subplan import VERSION, StoredPlan
@@ -18,7 +19,7 @@ from robocorba.robot.programs import program
 from robocorba.simulation.emergency_stops import StopEvent
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.simulation_event import SimulationEvent
-from robocorba.system.names import STOP_EVENT
+from robocorba.system.names import SIGHTING_EVENT, STOP_EVENT
 
 FOLDER = Path(__file__).resolve().parent / "schemas"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -37,6 +38,7 @@ EVENTS: dict[str, Any] = {
     "simulation.*": SIMULATION_EVENT,
     "floor.changed": FloorUpdateMap,
     STOP_EVENT: StopEvent,
+    SIGHTING_EVENT: ObstaclesSeen,
 }
 #: The documents that missions store in the Omni database, and the plans in data pools.
 DOCUMENTS: dict[str, Any] = {"mission_record": MissionContent, "plan": StoredPlan}

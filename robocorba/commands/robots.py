@@ -36,6 +36,7 @@ def robots(
     argument: Annotated[
         list[str] | None, typer.Option(metavar="ARG", help="An argument of the adaptor; repeatable.")
     ] = None,
+    perceive: Annotated[str | None, typer.Option(metavar="simulation|sensors", help="What they avoid.")] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Start a robot that ends again.")] = False,
     starting: Annotated[
         int, typer.Option(metavar="N", min=1, max=200, help="Number of robots that start at a time.")
@@ -54,6 +55,7 @@ def robots(
     from robocorba.system.supervision.fleet import Fleet, FleetOptions
 
     given = {"floor": floor, "channel": channel, "program": program and str(program), "adaptor": adaptor}
+    given["perceive"] = perceive
     options: dict[str, Any] = {key: value for key, value in given.items() if value is not None}
     if argument:
         options["arguments"] = argument

@@ -21,7 +21,7 @@ from robocorba.system.corba.subnets import default_subnets, parse_subnets, remov
 from robocorba.system.extras import require_extra
 from robocorba.system.names import CONSOLE
 from robocorba.system.printing import Console, echo, line
-from robocorba.system.settings import DEFAULT_HOST, Address, InvalidSetting, Settings
+from robocorba.system.settings import DEFAULT_HOST, Address, InvalidSetting, Settings, accept_rule
 from robocorba.system.state_folder import StateFolder, SystemRecord
 from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.system import NAMING_SERVICES, System
@@ -86,6 +86,12 @@ def up(
             "--bidirectional", help="Event channels call consumers behind NAT over the consumers' connections."
         ),
     ] = False,
+    accept: Annotated[
+        str,
+        typer.Option(
+            metavar="ROBOTS,SECONDS", help="Draw what so many robots have seen for so long and no map has [by hand]."
+        ),
+    ] = "",
     console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
     console_port: Annotated[
         int, typer.Option(metavar="N", min=0, max=65535, help="Port of the console on 127.0.0.1; 0: any free one.")
@@ -105,6 +111,7 @@ def up(
         )
         if building is not None and not building.is_file():
             raise InvalidSetting("--building", str(building), "there is no such file")
+        accept_rule(accept)
         if tls is not None:
             load_transport()
         folder = StateFolder(settings.state)
@@ -114,7 +121,7 @@ def up(
         system = System(
             folder=folder,
             naming=naming,
-            servers=servers(names, sensors, bidirectional),
+            servers=servers(names, sensors, bidirectional, accept),
             before_ready=functools.partial(remove_former_links, folder, names),
             building=building.absolute() if building else None,
             start_limit_s=start_limit,

@@ -112,6 +112,27 @@ class MapOperations:
         version = self._editor.version()
         return {"version": version, "edits": edits, "undoable": undoable, "redoable": redoable, "note": note}
 
+    # ---- what robots have seen ----
+
+    def map_proposals(self) -> list[Answer]:
+        """What robots have seen and the map lacks: `name`, `floor`, `outline`, its middle `x`, `y` [m], `certainty`,
+        `seen_by`."""
+        return [
+            {
+                **{"name": one.name, "floor": one.floor, "outline": one.outline, "certainty": one.certainty},
+                **{"x": one.element.at[0], "y": one.element.at[1], "seen_by": one.seen_by},
+            }
+            for one in self._editor.proposals()
+        ]
+
+    def map_accept(self, session: str, name: str) -> Answer:
+        """Draw what a proposal offers, as an edit of this session. Answers as `map_edit`."""
+        return self._in_session(session, lambda tab: int(tab.remote.accept_proposal(name)))
+
+    def map_reject(self, name: str) -> None:
+        """Close a proposal: it is not proposed again while robots see it."""
+        self._editor.reject_proposal(name)
+
     def _in_session(self, session: str, edit: Callable[[TabSession], int]) -> Answer:
         tab, note = self._sessions.find(session), ""
         with tab.lock:

@@ -338,6 +338,16 @@ class BuildingEditor:
                 raise UnknownElement(ElementKind.FLOOR.value, "", floor)
             return self._put(difference(building, with_topology(building, floor, topology)), building.name, check=True)
 
+    def proposals(self) -> bytes:
+        """The stored proposals. Raises MapFileError."""
+        with self._lock:
+            return self._store.proposals()
+
+    def save_proposals(self, value: bytes) -> None:
+        """Store the proposals, durably. Raises MapFileError."""
+        with self._lock:
+            self._store.save_proposals(value)
+
     def subscribe(self, listener: Listener) -> tuple[Building, int]:
         """Call `listener` for each edit after the returned building and version.
 

@@ -67,6 +67,7 @@ _ADDED_TABLES = (
     """CREATE TABLE IF NOT EXISTS edits (
         version INTEGER PRIMARY KEY, author TEXT NOT NULL, time REAL NOT NULL, summary TEXT NOT NULL)""",
     underlay_table.TABLE,
+    "CREATE TABLE IF NOT EXISTS proposals (value BLOB NOT NULL)",
 )
 _ELEMENT_COLUMNS = "kind, floor, name, version, value"
 _CHANGE_COLUMNS = "version, kind, floor, name, before, after"
@@ -437,6 +438,18 @@ class MapStore:
         """Set or remove the picture below a floor, durably. Raises InvalidElement if there is no room for it."""
         with self._changing() as writer:
             underlay_table.write(writer, floor, underlay)
+
+    def proposals(self) -> bytes:
+        """What `save_proposals` has stored last; empty if nothing."""
+        with _guarded(self.path):
+            row = self._writer.execute("SELECT value FROM proposals").fetchone()
+        return bytes(row[0]) if row else b""
+
+    def save_proposals(self, value: bytes) -> None:
+        """Store the proposals, durably."""
+        with self._changing() as writer:
+            writer.execute("DELETE FROM proposals")
+            writer.execute("INSERT INTO proposals VALUES (?)", (value,))
 
 
 def stored_areas(path: Path) -> list[Area]:

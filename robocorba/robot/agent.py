@@ -84,12 +84,14 @@ class AgentCalls:
     prepare: Callable[[], None] = lambda: None
     #: After changes of condition, task and display; must not block.
     changed: Callable[[], None] = lambda: None
+    #: In each control cycle, with the state that was read; must not block.
+    observe: Callable[[RobotState], None] | None = None
 
 
 class ControlAgent:
     """Thread-safe. others: for events and cooperative icons. ticks: records programs. nearby: other robots and
     obstacles; see Robot. protects: whether robots have a protective field; None: actual ones that have range
-    sensors."""
+    sensors. perceives: whether they need range sensors to perceive with."""
 
     def __init__(
         self,
@@ -100,9 +102,11 @@ class ControlAgent:
         ticks: TickFile | None = None,
         calls: AgentCalls = AgentCalls(),
         protects: bool | None = None,
+        perceives: bool = False,
     ) -> None:
         self._context, self._planner, self._others = context, planner, others
         self._nearby, self._ticks, self._calls, self._protects = nearby, ticks, calls, protects
+        self._perceives = perceives
         self.name, self.session = context.name, context.session
         self._kinematics = InverseKinematics()
         self._lock = threading.RLock()
@@ -455,10 +459,11 @@ class ControlAgent:
         if self._cap is not None:
             controller.speed_cap = self._cap
         controller.start(argv)
-        if field and not field.sensors:
-            if self._protects:
+        if not (made.senses and made.senses.sensors) and (field or self._perceives):
+            if self._protects or self._perceives:
                 controller.close()
-                raise AdaptorFailed(f"the robot of the adaptor {adaptor} has no range sensors for a protective field")
+                use = "a protective field" if self._protects else "perception"
+                raise AdaptorFailed(f"the robot of the adaptor {adaptor} has no range sensors for {use}")
             _log.warning("the robot of the adaptor %s has no range sensors: no protective field", adaptor)
         self._controller, self._adaptor = controller, adaptor
         self._robot = Robot(controller, self.session, self._kinematics, self._planner, self._nearby)
@@ -546,6 +551,8 @@ class ControlAgent:
 
     def _follow(self, state: RobotState) -> None:
         """Make the body in the building follow an actual robot; this also keeps the lease."""
+        if self._calls.observe:
+            self._calls.observe(state)
         if self._is_virtual:
             return
         body = self.session.state()

@@ -91,29 +91,69 @@ class BaseMovements:
         speed: float = 0.0,
         around_obstacles: bool = False,
     ) -> None:
-        """Drive to a point (x, y) [m] in the building, across floors.
+        """Drive to a point (x, y) [m] in the building, across floors, around what the robot sees.
 
         The path avoids temporary obstacles once the robot was blocked; with `around_obstacles`, from the start. speed:
         limit [m/s], 0 for the controller's. Also raises PathError, InvalidRide, ElevatorFull."""
         goal, limit = Place(floor, x, y), self._speed(speed)
-        points = (self._path_around(goal, limit) if around_obstacles else None) or self._path_past_objects(goal, limit)
-        for _ in range(self._nearby.policy.max_blockages if self._nearby else 0):
+        points = (self._path_around(goal, limit) if around_obstacles else None) or self._path_past_seen(goal, limit)
+        blockages = detours = 0
+        stuck_since = self.clock()
+        while True:
+            start = self.controller.state
             try:
                 self._drive_along(points, heading, limit)
                 return
             except Blocked as blocked:
-                if not self._nearby or not blocked.other:
+                if (nearby := self._nearby) is None or not (blocked.other or nearby.seen.names):
+                    raise
+                now = self.controller.state
+                is_stuck = math.dist((start.x, start.y), (now.x, now.y)) < 0.1  # [m]
+                stuck_since = stuck_since if is_stuck else self.clock()
+                blockages, detours = blockages + bool(blocked.other), detours + (not blocked.other)
+                if blockages > nearby.policy.max_blockages or detours > nearby.policy.max_detours:
+                    raise
+                if not blocked.other and self.clock() - stuck_since > nearby.policy.max_stuck_s:
                     raise
                 _log.info("%s", blocked)
-                self._step_aside(self._nearby, blocked.other)
-                points = self._path_after_blockage(self._nearby, blocked.other, goal, limit)
-        self._drive_along(points, heading, limit)
+                if blocked.other:
+                    self._step_aside(nearby, blocked.other)
+                    points = self._path_after_blockage(nearby, blocked.other, goal, limit)
+                else:
+                    if is_stuck:  # by something that moves, perhaps
+                        self.wait(random.uniform(0.3, 0.8))
+                    points = self._path_past_seen(goal, limit)
+
+    def _path_past_seen(self, goal: Place, speed: float) -> list[PathPoint]:
+        """A path past objects and what the robot sees, as soon as it does: while that blocks every path, searched twice
+        a second until the policy's longest pause is over."""
+        if (nearby := self._nearby) is None:
+            return self._path_past_objects(goal, speed)
+        deadline = self.clock() + nearby.policy.max_search_s
+        with self.execution.awaiting(lambda: "a free way past what it sees"):
+            while True:
+                is_late = self.clock() >= deadline
+                try:
+                    nearby.check_seen()
+                except NotReachable:
+                    if is_late:
+                        raise
+                    self.wait(0.05)
+                    continue
+                try:
+                    return self._path_past_objects(goal, speed)
+                except PathError:
+                    if is_late or not nearby.seen.names:
+                        raise
+                self.wait(0.5)
 
     def _path_past_objects(self, goal: Place, speed: float) -> list[PathPoint]:
-        """A path by the map, with movable objects at their present poses: along the roadmap, or through free space if
-        an object blocks the roadmap. It may begin where the robot touches an obstacle."""
-        holding = self.session.latest.holding
-        objects = self._nearby.movable_objects(holding) if self._nearby else NO_OBSTACLES
+        """A path by the map, with movable objects at their present poses and what the robot sees: along the roadmap, or
+        through free space if they block the roadmap. It may begin where the robot touches an obstacle."""
+        holding, state = self.session.latest.holding, self.controller.state
+        objects = NO_OBSTACLES
+        if nearby := self._nearby:
+            objects = nearby.with_seen(nearby.movable_objects(holding), (state.x, state.y))
         request = objects.added_to(self._request(goal, speed))
         first: PathError | None = None
         for radius, mode in product((RADIUS_M, RADIUS_M - CONTACT_M), (RouteMode.SMOOTHED, RouteMode.GEOMETRIC)):
@@ -139,7 +179,10 @@ class BaseMovements:
         """A path around temporary obstacles, including the robot `other`; None if none are known or no path exists."""
         here = self.session.latest
         point = (goal.x, goal.y) if goal.floor == here.at.floor else None
-        known = self._nearby.temporary_obstacles(other, point, here.holding) if self._nearby else NO_OBSTACLES
+        if (nearby := self._nearby) is None:
+            return None
+        state = self.controller.state
+        known = nearby.with_seen(nearby.temporary_obstacles(other, point, here.holding), (state.x, state.y))
         if known == NO_OBSTACLES:
             return None
         request = known.added_to(self._request(goal, speed))
@@ -200,7 +243,7 @@ class BaseMovements:
     def _driving(
         self, points: Sequence[XY], heading: float | None, speed: float, speeds: Sequence[float] | None = None
     ) -> Motion:
-        return self._giving_way(Drive(points, heading, speed, BASE_LIMITS, speeds), points[-1])
+        return self._giving_way(Drive(points, heading, speed, BASE_LIMITS, speeds), points)
 
     def _shaft(self, elevator: str) -> Polygon | None:
         return self._nearby.shaft(elevator) if self._nearby else None
@@ -313,9 +356,9 @@ class BaseMovements:
         self.move(DriveAt(ZERO_VELOCITY, 0.0))
 
     def _giving_way(
-        self, motion: Motion, goal: XY | None = None, precise_positioning: bool = False, avoid_walls: bool = False
+        self, motion: Motion, path: Sequence[XY] = (), precise_positioning: bool = False, avoid_walls: bool = False
     ) -> Motion:
-        return GiveWay(motion, self._nearby, goal, precise_positioning, avoid_walls) if self._nearby else motion
+        return GiveWay(motion, self._nearby, path, precise_positioning, avoid_walls) if self._nearby else motion
 
     def _speed(self, limit: float) -> float:
         cap = self.controller.speed_cap

@@ -19,6 +19,8 @@ SENSOR_TOKEN = "sensors.token"
 STOPS = "stops.json"
 #: Type of the event that stops robots: {"robots": [names], "reason": text}; without names all.
 STOP_EVENT = "robot.stop"
+#: Type of the event with what a robot sees that its map lacks.
+SIGHTING_EVENT = "obstacle.seen"
 #: Subfolder of the state folder with the files of the roles of a guarded system.
 ACCESS = "access"
 #: The process of the operator's console.

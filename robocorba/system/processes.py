@@ -52,7 +52,8 @@ class RobotOrder:
     """A robot to start, as by the options of `robocorba robot`.
 
     floor: empty for the lowest one. at: x, y [m] and heading [rad] on the floor, None for the first free path node.
-    channel: of its sub-network, empty for that of its area. program: a file to run immediately; None for none."""
+    channel: of its sub-network, empty for that of its area. program: a file to run immediately; None for none.
+    perceive: what it avoids, empty for the default."""
 
     name: str
     adaptor: str = "simulated"
@@ -61,6 +62,7 @@ class RobotOrder:
     at: tuple[float, float, float] | None = None
     channel: str = ""
     program: Path | None = None
+    perceive: str = ""
 
     @property
     def process(self) -> str:

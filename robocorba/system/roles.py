@@ -53,12 +53,14 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     "PathPlanner": _rules((EVERYBODY, "_get_release _get_mapVersion getPath findPaths defaultRequest")),
     "MapEditor": _rules(
         (EVERYBODY, "_get_release _get_buildingName _get_currentVersion floors elements read changesSince editsSince"),
-        (EVERYBODY, "readElements readChanges readFacts"),
+        (EVERYBODY, "readElements readChanges readFacts proposals"),
         (EVERYBODY, "check checkFloor exportMap getUnderlay"),
+        (PUBLISHERS, "propose"),
         (
             OPERATORS,
             "create change setFact remove rename undo redo begin openSession importMap setUnderlay buildTopologicalMap",
         ),
+        (OPERATORS, "rejectProposal"),
     ),
     "OmniDatabase": _rules(
         (EVERYBODY, "_get_release floors getFloor floorChanges typedFloorChanges publishTypedChanges lastScans"),

@@ -289,6 +289,36 @@ class ChannelSettings:
 
 
 @dataclass(frozen=True)
+class MapEditorSettings:
+    """Settings of the map editor server: those of every server, and of proposals.
+
+    channel: the event channel at which it listens for what robots see, empty for none. accept: proposals that so many
+    robots have seen for so long [s] become objects, 0 robots for none."""
+
+    server: ServerSettings
+    channel: str
+    accept: tuple[int, float]
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> MapEditorSettings:
+        """From the arguments of ServerSettings and `[--channel NAME] [--accept ROBOTS,SECONDS]`. Raises as
+        ServerSettings.read does."""
+        parser = ServerSettings.parser(description)
+        parser.add_argument("--channel", default="", metavar="NAME", help="the event channel of what robots see")
+        parser.add_argument("--accept", default="", metavar="ROBOTS,SECONDS", help="what they saw for so long is drawn")
+        given = parser.parse_args(arguments)
+        return cls(ServerSettings.from_arguments(given), given.channel, accept_rule(given.accept))
+
+
+def accept_rule(text: str) -> tuple[int, float]:
+    """ROBOTS,SECONDS as numbers, 0 for an empty text. Raises InvalidSetting."""
+    match = re.fullmatch(r"([1-9][0-9]?),([0-9]+(?:\.[0-9]+)?)", text or "1,0", re.ASCII)
+    if match is None:
+        raise InvalidSetting("--accept", text, "not of the form ROBOTS,SECONDS, such as 3,60")
+    return (int(match[1]), float(match[2])) if text else (0, 0.0)
+
+
+@dataclass(frozen=True)
 class SimulationSettings:
     """Settings of the simulation server: those of every server, and the event channel at which it publishes.
 
@@ -334,7 +364,8 @@ class RobotSettings:
     None for a free path node. channel: of its sub-network, empty for none, None for that of the
     area in which it logs on. tick_file: CSV file with one row for each
     control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
-    changes. protects: whether robots have a protective field, None for the usual ones."""
+    changes. protects: whether robots have a protective field, None for the usual ones. perceives: whether they avoid
+    what they see, and not what only the simulation knows."""
 
     common: Settings
     name: str
@@ -348,12 +379,13 @@ class RobotSettings:
     tick_file: Path | None
     prints_progress: bool
     protects: bool | None = None
+    perceives: bool = False
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--progress] [--protect on|off] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR]
-        [-- arguments of the adaptor]`.
+        [--progress] [--protect on|off] [--perceive simulation|sensors] [--endpoint HOST:PORT] [--naming HOST:PORT]
+        [--state DIR] [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -387,6 +419,13 @@ class RobotSettings:
             choices=("on", "off"),
             help="stop before what the robot's own range sensors see; default: on for actual robots",
         )
+        parser.add_argument(
+            "--perceive",
+            choices=("simulation", "sensors"),
+            default="simulation",
+            help="avoid others and objects where the simulation has them, or what the robot's sensors see; default: "
+            "simulation",
+        )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -404,6 +443,7 @@ class RobotSettings:
             given.record,
             given.progress,
             given.protect and given.protect == "on",
+            given.perceive == "sensors",
         )
 
 

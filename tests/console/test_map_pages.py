@@ -16,11 +16,12 @@ from robocorba.console.arguments import InvalidArguments, NotPossible
 from robocorba.console.map_files import downloads, read_upload, write_download
 from robocorba.console.map_operations import MapOperations
 from robocorba.console.map_sessions import MAX_SESSIONS, TabSessions
-from robocorba.errors.maps import InvalidElement, MapFileError, SessionEnded
+from robocorba.errors.maps import InvalidElement, MapFileError, SessionEnded, UnknownElement
 from robocorba.map_editor import native
 from robocorba.map_editor.edit_session import EditSessions
 from robocorba.map_editor.map_building_agent import BuildingEditor
 from robocorba.map_editor.model import Building, ElementKind
+from robocorba.map_editor.proposals import Proposals
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.map_editor.store import MapStore
 from robocorba.map_editor.validation import problems
@@ -33,6 +34,9 @@ class LocalEditor:
     def __init__(self, editor: BuildingEditor) -> None:
         self.editor, self.sessions = editor, list[LocalSession]()
         self.elements, self.edits_since = editor.elements, editor.edits_since
+        self.offered = Proposals(*editor.snapshot)
+        editor.subscribe(self.offered.follow)
+        self.proposals, self.reject_proposal = self.offered.open, self.offered.reject
 
     def version(self) -> int:
         return self.editor.version
@@ -44,15 +48,20 @@ class LocalEditor:
         return self.editor.snapshot
 
     def open_session(self, author: str) -> LocalSession:
-        self.sessions.append(LocalSession(EditSessions(self.editor).open(author)))
+        self.sessions.append(LocalSession(EditSessions(self.editor).open(author), self.offered))
         return self.sessions[-1]
 
 
 class LocalSession:
     """The methods of RemoteEditSession."""
 
-    def __init__(self, session: Any) -> None:
-        self._session, self.is_closed = session, False
+    def __init__(self, session: Any, offered: Proposals) -> None:
+        self._session, self._offered, self.is_closed = session, offered, False
+
+    def accept_proposal(self, name: str) -> int:
+        proposal = self._offered.find(name)
+        version: int = self.create(proposal.floor, proposal.element)
+        return version
 
     def __getattr__(self, name: str) -> Any:
         if self.is_closed:
@@ -111,6 +120,22 @@ def created(kind: str, name: str, floor: str = "", **members: Any) -> Edit:
 
 def wall(name: str, *ends: tuple[float, float]) -> Edit:
     return created("wall", name, "L1", **{"from": ends[0], "to": ends[1]})
+
+
+def test_what_robots_have_seen_is_accepted_or_rejected(page: Page) -> None:
+    corners = ((3.0, 5.0), (3.5, 5.0), (3.5, 5.5), (3.0, 5.5))
+    chair, box = (page.editor.offered.propose("L1", [(x + dx, y) for x, y in corners], 0.9, "A") for dx in (0.0, 3.0))
+    first, second = page.operations.map_proposals()
+    assert (first["name"], first["floor"], first["seen_by"], first["certainty"]) == (chair, "L1", ("A",), 0.9)
+    assert (first["x"], first["y"]) == pytest.approx((3.25, 5.25)) and sorted(first["outline"]) == sorted(corners)
+    page.operations.map_reject(box)
+    with pytest.raises(UnknownElement, match=f"no object '{box}'"):
+        page.operations.map_reject(box)
+    answer = page.operations.map_accept(page.session, chair)
+    assert page.record("object", chair)["version"] == answer["version"]
+    assert page.operations.map_news(page.session, 1)["undoable"] == f"object {chair} on L1 created"
+    assert page.operations.map_proposals() == []
+    assert "no object" in page.operations.map_accept(page.session, second["name"])["refused"]["reason"]
 
 
 def test_a_floor_has_its_elements_and_paths_lead_between_places(page: Page) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from robocorba.map_editor.edit_session import EditSessions
 from robocorba.map_editor.map_building_agent import BuildingEditor
 from robocorba.map_editor.model import BoxShape, ElementKind, MapObject, PathNode, Wall
 from robocorba.map_editor.pages import ChangePosition
+from robocorba.map_editor.proposals import Proposals
 from robocorba.map_editor.store import MapLimits, MapStore
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
@@ -51,6 +53,13 @@ class CountingOrb:
         self.active -= 1
 
 
+def servant_of(editor: BuildingEditor, activator: Any, clock: Callable[[], float] = time.monotonic) -> MapEditorServant:
+    """The map editor, with proposals."""
+    proposals = Proposals(*editor.snapshot)
+    editor.subscribe(proposals.follow)
+    return MapEditorServant(EditSessions(editor, clock=clock), proposals, activator)
+
+
 @pytest.fixture
 def clock() -> Clock:
     return Clock()
@@ -70,7 +79,7 @@ def store(tmp_path: Path) -> Iterator[MapStore]:
 @pytest.fixture
 def servant(store: MapStore, clock: Clock, counting: CountingOrb) -> MapEditorServant:
     editor = BuildingEditor(store, MapLimits(transaction_timeout_s=TIMEOUT_S), clock)
-    return MapEditorServant(EditSessions(editor, clock=clock), counting)
+    return servant_of(editor, counting, clock)
 
 
 def test_abandoned_transactions_time_out(servant: MapEditorServant, clock: Clock, counting: CountingOrb) -> None:
@@ -172,12 +181,35 @@ def test_pictures_and_findings_of_a_floor(servant: MapEditorServant, monkeypatch
     assert [found.id.name for found in servant.check()] == ["west"]
 
 
+def test_a_proposal_is_accepted_as_an_edit_of_its_author_or_rejected(servant: MapEditorServant) -> None:
+    corners = [RoboCorba.XY(*point) for point in ((1.0, 1.0), (1.6, 1.0), (1.6, 1.4), (1.0, 1.4))]
+    name = servant.propose("L1", corners, 0.75, "camera 3")
+    (offered,) = servant.proposals()
+    assert (offered.name, offered.onFloor, offered.certainty, offered.seenBy) == (name, "L1", 0.75, ["camera 3"])
+    assert {(point.x, point.y) for point in offered.outline} == {(point.x, point.y) for point in corners}
+    session = RemoteEditSession(servant.openSession("Ada"), "Ada")
+    session.accept_proposal(name)
+    drawn = maps.element_of(servant.read(maps.element_id("object", "L1", name)).value)
+    assert isinstance(drawn, MapObject) and drawn.at == pytest.approx((1.3, 1.2)) and not drawn.movable
+    assert servant.proposals() == []
+    assert [edit.author for edit in servant.editsSince(1)] == ["Ada"]
+    with pytest.raises(UnknownElement):
+        session.accept_proposal(name)
+    session.undo()
+    again = servant.propose("L1", corners, 0.75, "camera 3")
+    servant.rejectProposal(again)
+    assert servant.proposals() == []
+    for refused in (lambda: servant.rejectProposal(again), lambda: servant.propose("L9", corners, 0.75, "camera 3")):
+        with pytest.raises(RoboCorba.UnknownElement):
+            refused()
+
+
 def test_a_map_that_is_too_large_is_refused_as_a_map(store: MapStore, orb: Orb) -> None:
     """InvalidElement is not among the exceptions of importMap: it would reach the client as UNKNOWN."""
     larger = two_floors()
     for number in range(20):
         larger = larger.with_element("L2", Wall(name=f"w{number}", a=(0.0, number), b=(1.0, number)))
-    servant = MapEditorServant(EditSessions(BuildingEditor(store, MapLimits(building_size=10))), orb)
+    servant = servant_of(BuildingEditor(store, MapLimits(building_size=10)), orb)
     with pytest.raises(RoboCorba.InvalidMap) as refused:
         servant.importMap(native.dumps(larger), 1)
     assert refused.value.reason.endswith("the building would have more than 10 elements and points")
@@ -191,7 +223,7 @@ class Editor:
     after which it does not answer; negative for never."""
 
     def __init__(self, editor: BuildingEditor, activator: Any = None) -> None:
-        self.editor, self._servant = editor, MapEditorServant(EditSessions(editor), activator)
+        self.editor, self._servant = editor, servant_of(editor, activator)
         self.meanwhile: Callable[[], object] = int
         self.limit, self.pages, self.fails_after = 2, 0, -1
 

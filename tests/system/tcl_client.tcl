@@ -335,6 +335,24 @@ subject session {
     refused InvalidElement {} {$editor openSession $author}
 }
 
+subject proposals {
+    set corners {{x 4.0 y 7.0} {x 4.5 y 7.0} {x 4.5 y 7.5}}
+    set name [$editor propose L1 $corners 0.5 camera]
+    check {[$editor propose L1 $corners 0.5 厨房] eq $name}
+    set offered [answer proposals $editor proposals]
+    check {[llength $offered] == 1 && [get [lindex $offered 0] name] eq $name}
+    refused InvalidElement {} {$editor propose L1 $corners 1.5 camera}
+    set session [$editor openSession Ada]
+    set version [$session acceptProposal $name]
+    set id [element OBJECT_ELEMENT L1 $name]
+    refused UnknownElement {} {$session acceptProposal $name}
+    $session remove $id $version
+    $session close
+    $editor rejectProposal [$editor propose L1 $corners 0.5 camera]
+    check {[$editor proposals] eq {}}
+    refused UnknownElement {} {$editor rejectProposal $name}
+}
+
 subject facts {
     set stool {OBJECT_ELEMENT {name stool footprint {CIRCLE_SHAPE 0.2} at {x 4.0 y 7.0} heading 0.0 height 0.5
         movable 1}}

@@ -20,6 +20,7 @@ from omniORB import CORBA
 
 from robocorba.errors.events import InvalidEvent, InvalidSubscription
 from robocorba.events.corba.event_client import Event, EventClient, _EventConsumerServant
+from robocorba.events.corba.pair_listener import PairListener
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.orb.calls import set_call_timeout
 from robocorba.robot.corba import robot_channel
@@ -207,6 +208,43 @@ def test_a_conjunction_delivers_its_events_together_within_the_window(
     counts = proxy.state().events
     assert (counts.received, counts.delivered, counts.expired, counts.queued) == (4, 3, 1, 0)
     proxy.disconnect_push_supplier()
+
+
+def test_pairs_of_any_two_of_many_sources(client: Client) -> None:
+    names, pairs = [f"R{number}" for number in range(25)], list[list[str]]()
+    observer = client("")
+    made = observer.subscribe_pairs(
+        lambda events: pairs.append(sorted(each.source for each in events)), "seen", names, window_s=60.0
+    )
+    assert len(made) == 2  # of 300 pairs, 200 in one subscription
+    for name in ("R3", "R3", "stranger", "R24", "R11"):
+        client(name).push("seen", None)
+    eventually(lambda: len(pairs) >= 3)
+    assert sorted(pairs) == [["R11", "R24"], ["R11", "R3"], ["R24", "R3"]]
+
+
+def test_a_listener_of_pairs_follows_sources_and_survives_the_loss_of_its_subscription(
+    place: Place, client: Client
+) -> None:
+    names, pairs = ["A"], list[list[str]]()
+    listener = PairListener(
+        place.orb, "lab", "seen", lambda: names, 60.0, lambda events: pairs.append([each.source for each in events])
+    )
+    with contextlib.closing(listener.start()):
+        names[:] = ["A", "B"]
+        speakers = [client(name) for name in names]
+
+        def speak() -> bool:
+            for speaker in speakers:
+                speaker.push("seen", None)
+            return len(pairs) > 0
+
+        eventually(speak, 30.0, "a pair")
+        assert set(map(tuple, pairs)) == {("A", "B")}
+        for subscription in listener._subscriptions:
+            subscription.proxy.disconnect_push_supplier()
+        pairs.clear()
+        eventually(speak, 30.0, "a pair after the loss")
 
 
 # ---- order, batches, queues ----

@@ -329,6 +329,8 @@ def test_what_the_script_has_edited_was_as_it_drew_it(output: Script) -> None:
     (problem,) = output.answers["problems"]
     assert problem["id"] == {"kind": "EDGE_ELEMENT", "onFloor": "L1", "name": "e1"}
     assert [edit["author"] for edit in output.answers["edits_of_Ada"]] == ["Ada", "Ada", "Ada"]
+    (proposal,) = output.answers["proposals"]
+    assert (proposal["seenBy"], proposal["certainty"], len(proposal["outline"])) == (["camera", "厨房"], 0.75, 3)
     picture = output.answers["picture"]
     assert bytes.fromhex(picture["picture"]).startswith(b"\x89PNG") and picture["origin"] == {"x": 1.0, "y": 2.0}
     assert read_json(output.answers["program"])["name"] == "Küche"

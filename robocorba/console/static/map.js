@@ -8,6 +8,7 @@ import { MapLayer } from "/static/map_layer.js";
 import { copyOf, handlesOf, idOf } from "/static/map_model.js";
 import { EditsPanel, FindingsPanel, PathsPanel } from "/static/map_panels.js";
 import { planningMethods } from "/static/map_planning.js";
+import { ProposalLayer, proposalMethods, ProposalsPanel } from "/static/map_proposals.js";
 import { ALIGNMENTS, alignEdits, changeOf, current, duplicateEdits, removeEdits } from "/static/map_selection.js";
 import { MapSession } from "/static/map_session.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
@@ -16,13 +17,13 @@ import { editsOf, toolOf, TOOLS } from "/static/map_tools.js";
 const GRID_STEPS = [0.05, 0.1, 0.25, 0.5, 1];
 const PANELS = [
   { name: "element", title: "Element" }, { name: "findings", title: "Findings" }, { name: "paths", title: "Path" },
-  { name: "files", title: "Files" }, { name: "edits", title: "Edits" },
+  { name: "seen", title: "Seen" }, { name: "files", title: "Files" }, { name: "edits", title: "Edits" },
 ];
 // A message of another editor's edit stays for this time [ms].
 const MESSAGE_MS = 8000;
 
 export default {
-  components: { EditsPanel, FilesPanel, FindingsPanel, MapForm, PathsPanel },
+  components: { EditsPanel, FilesPanel, FindingsPanel, MapForm, PathsPanel, ProposalsPanel },
   directives: { shown },
   template: `
     <div class="console-split map-page">
@@ -77,7 +78,8 @@ export default {
           <button v-for="each in panels" :key="each.name" role="tab" :aria-selected="each.name === panel"
               @click="panel = each.name">
             {{ each.title }}<small
-                v-if="each.name === 'findings' && found?.count"> {{ found.count }}</small></button></div>
+                v-if="each.name === 'findings' && found?.count"> {{ found.count }}</small><small
+                v-if="each.name === 'seen' && proposals.length"> {{ proposals.length }}</small></button></div>
         <div class="map-panel">
           <template v-if="panel === 'element' && forms">
             <template v-if="records.length <= 1 && shownRecord">
@@ -108,6 +110,8 @@ export default {
           <paths-panel v-if="panel === 'paths'" :paths="paths" :ends="ends" :chosen="chosenPath" :is-busy="isPlanning"
               :is-on="tool === 'path'"
               @choose="choosePath" @start="startPath" @clear="clearPath"></paths-panel>
+          <proposals-panel v-if="panel === 'seen'" :proposals="proposals" :chosen="chosenProposal" @show="showProposal"
+              @accept="acceptProposal" @reject="rejectProposal"></proposals-panel>
           <files-panel v-show="panel === 'files'" :floor="current" :version="version" :underlay="underlay"
               @replace="replace" @underlay="setUnderlay"></files-panel>
           <edits-panel v-if="panel === 'edits'" :news="news"></edits-panel>
@@ -126,7 +130,7 @@ export default {
       // Points of the half-drawn element, and edits that are not answered yet.
       drawn: 0, saving: 0,
       found: null, refused: null, chosenFinding: -1, isChecking: false, radius: 0.4, overlay: "connecting",
-      paths: [], ends: [], chosenPath: "smoothed", isPlanning: false, underlay: null, message: { text: "" },
+      proposals: [], chosenProposal: "", paths: [], ends: [], chosenPath: "smoothed", isPlanning: false, underlay: null, message: { text: "" },
     };
   },
   computed: {
@@ -149,6 +153,7 @@ export default {
   },
   created() {
     this.layer = new MapLayer();
+    this.proposalLayer = new ProposalLayer();
     this.session = new MapSession(() => this.update(), (text, isProblem) => this.say(text, isProblem));
     this.hands = new MapHands(this);
     this.elements = this.layer.elements = this.session.elements;
@@ -160,7 +165,7 @@ export default {
   mounted() {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.hands.pointer(...news) });
     this.canvas.isShownRoadmap = true;
-    this.canvas.overlays.push(this.layer);
+    this.canvas.overlays.push(this.layer, this.proposalLayer);
     this.unlisten = live.listen((kind, name) => this.receive(kind, name));
     this.listeners = {
       keydown: (event) => this.hands.key(event),
@@ -168,6 +173,7 @@ export default {
     };
     for (const [name, listener] of Object.entries(this.listeners)) window.addEventListener(name, listener);
     this.loadForms();
+    this.followProposals();
     this.receive("connection");
   },
   unmounted() {
@@ -178,6 +184,7 @@ export default {
     this.hands.leave();
     clearTimeout(this.messageTimer);
     clearTimeout(this.formsTimer);
+    clearTimeout(this.proposalTimer);
     this.session.end();
     this.canvas.close();
   },
@@ -451,6 +458,7 @@ export default {
     },
 
     ...planningMethods,
+    ...proposalMethods,
     ...fileMethods,
   },
 };

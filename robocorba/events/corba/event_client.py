@@ -14,6 +14,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Hashable, Iterable, Sequence
+from itertools import combinations
 from typing import Any, NamedTuple
 
 import msgpack
@@ -24,7 +25,7 @@ from robocorba.errors.events import Disconnected, InvalidEvent, Unconfirmed
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba import events
 from robocorba.events.queue import QueuePolicy
-from robocorba.events.subscription import Subscription, checked
+from robocorba.events.subscription import MAX_CLAUSES, Subscription, checked
 from robocorba.orb.bounded_any import TC_ANY
 from robocorba.orb.calls import describe
 from robocorba.orb.exceptions import domain_error
@@ -142,6 +143,19 @@ class EventClient:
         """Call `receive` with one event for each of `patterns`, made at most `window_s` apart (0: no limit)."""
         clauses = checked([([_pair(pattern) for pattern in patterns], window_s)])
         return self._subscribe(clauses, lambda event: receive([event]), lambda _, found: receive(found), name, queue)
+
+    def subscribe_pairs(
+        self, receive: Callable[[Sequence[Event]], None], type: str, sources: Sequence[str], window_s: float = 0.0
+    ) -> list[EventSubscription]:
+        """Call `receive` with two events of `type`, one from each of any two of `sources`, made at most `window_s`
+        apart. These are several subscriptions where the pairs are more than the clauses that one may have."""
+        pairs, made = list(combinations(sources, 2)), []
+        for start in range(0, len(pairs), MAX_CLAUSES):
+            some = pairs[start : start + MAX_CLAUSES]
+            clauses = checked([([(type, source) for source in pair], window_s) for pair in some])
+            queue = QueuePolicy(size=100)  # also of the events that wait for their counterpart
+            made.append(self._subscribe(clauses, lambda event: None, lambda _, found: receive(found), "", queue))
+        return made
 
     def close(self) -> None:
         """End all subscriptions; durable ones collect events for the next process."""

@@ -16,6 +16,7 @@ from robocorba.map_editor.edit_session import EditSession, EditSessions
 from robocorba.map_editor.long_requests import LongRequests
 from robocorba.map_editor.map_building_agent import Transaction
 from robocorba.map_editor.pages import MAX_PAGE
+from robocorba.map_editor.proposals import Proposals
 from robocorba.map_editor.time_limit import time_limit
 from robocorba.orb.exceptions import translating
 from robocorba.orb.server_release import ServerServant
@@ -109,8 +110,10 @@ class ActiveServants:
 class EditSessionServant(RoboCorba__POA.EditSession):
     """RoboCorba::EditSession."""
 
-    def __init__(self, session: EditSession, transactions: ActiveServants, ended: Callable[[], None]) -> None:
-        self._session, self._transactions, self._ended = session, transactions, ended
+    def __init__(
+        self, session: EditSession, proposals: Proposals, transactions: ActiveServants, ended: Callable[[], None]
+    ) -> None:
+        self._session, self._proposals, self._transactions, self._ended = session, proposals, transactions, ended
 
     @property
     def is_open(self) -> bool:
@@ -149,6 +152,11 @@ class EditSessionServant(RoboCorba__POA.EditSession):
         return self._session.rename(*maps.key_of(id), name, expected)
 
     @translating
+    def acceptProposal(self, name: str) -> int:
+        proposal = self._proposals.find(name)
+        return self._session.create(proposal.floor, proposal.element)
+
+    @translating
     def begin(self) -> Any:
         return self._transactions.activate(lambda: TransactionServant(self._session.begin()))
 
@@ -167,10 +175,10 @@ class EditSessionServant(RoboCorba__POA.EditSession):
 
 
 class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
-    """RoboCorba::MapEditor for a BuildingEditor and the sessions of its authors."""
+    """RoboCorba::MapEditor for a BuildingEditor, the sessions of its authors, and proposals that follow it."""
 
-    def __init__(self, sessions: EditSessions, activator: Activator) -> None:
-        self._editor, self._sessions = sessions.editor, sessions
+    def __init__(self, sessions: EditSessions, proposals: Proposals, activator: Activator) -> None:
+        self._editor, self._sessions, self._proposals = sessions.editor, sessions, proposals
         self._transactions = ActiveServants(activator, CLOSED_TRANSACTIONS_KEPT)
         self._session_servants = ActiveServants(activator, 0)
         self._long_requests = LongRequests()
@@ -234,13 +242,25 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     def openSession(self, author: str) -> Any:
         def servant() -> EditSessionServant:
             session = self._sessions.open(author)
-            return EditSessionServant(session, self._transactions, self._session_servants.deactivate_ended)
+            ended = self._session_servants.deactivate_ended
+            return EditSessionServant(session, self._proposals, self._transactions, ended)
 
         return self._session_servants.activate(servant)
 
     @translating
     def editsSince(self, since: int) -> list[Any]:
         return maps.edits(self._editor.edits_since(since))
+
+    @translating
+    def propose(self, onFloor: str, outline: Any, certainty: float, seenBy: str) -> str:
+        return self._proposals.propose(onFloor, [maps.xy_of(point) for point in outline], certainty, seenBy)
+
+    def proposals(self) -> list[Any]:
+        return maps.proposals(self._proposals.open())
+
+    @translating
+    def rejectProposal(self, name: str) -> None:
+        self._proposals.reject(name)
 
     @translating
     def getUnderlay(self, onFloor: str) -> Any:

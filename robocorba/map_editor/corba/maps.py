@@ -14,6 +14,7 @@ from robocorba.map_editor.changes import Change, ChangeKind, ElementKey
 from robocorba.map_editor.edits import EditRecord, Finding, MapChange
 from robocorba.map_editor.model import KIND_OF, CabinSide, DoorKind, Element, ElementKind, Shape
 from robocorba.map_editor.pages import ChangePage, ChangePosition, ElementPage, Selection
+from robocorba.map_editor.proposals import Proposal
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.underlays import Underlay
 from robocorba.orb.exceptions import register, register_system, register_with
@@ -267,6 +268,23 @@ def edits(values: Iterable[EditRecord]) -> list[Any]:
 def edits_of(found: Iterable[Any]) -> list[EditRecord]:
     """The edits of an EditRecordSeq."""
     return [_EDIT_RECORD.from_idl(one) for one in found]
+
+
+_PROPOSAL = struct_converter(
+    *(Proposal, RoboCorba.Proposal, {"onFloor": "floor", "age": "age_s", "unseen": "unseen_s"}),
+    outline=_POINTS,
+    seen_by=STRINGS,
+)
+
+
+def proposals(values: Iterable[Proposal]) -> list[Any]:
+    """A ProposalSeq."""
+    return [_PROPOSAL.to_idl(value) for value in values]
+
+
+def proposals_of(found: Iterable[Any]) -> list[Proposal]:
+    """The proposals of a ProposalSeq."""
+    return [_PROPOSAL.from_idl(one) for one in found]
 
 
 def underlay(value: Underlay | None) -> Any:

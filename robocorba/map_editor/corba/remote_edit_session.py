@@ -15,6 +15,7 @@ from robocorba.map_editor.corba.remote_map import RemoteMap, changes_after, elem
 from robocorba.map_editor.edits import EditRecord, Finding, MapChange
 from robocorba.map_editor.model import Building, Element, ElementKind
 from robocorba.map_editor.pages import Selection
+from robocorba.map_editor.proposals import Proposal
 from robocorba.map_editor.underlays import Underlay
 from robocorba.orb.calls import set_call_timeout
 from robocorba.orb.orb import Orb
@@ -107,6 +108,14 @@ class RemoteMapEditor:
         """Revert the last edit of any author. Returns the new version. Raises StaleVersion, NothingToUndo."""
         return int(self._slow_editor.call(lambda editor: editor.undo(expected)))
 
+    def proposals(self) -> list[Proposal]:
+        """The open proposals, oldest first."""
+        return maps.proposals_of(self._editor.call(lambda editor: editor.proposals()))
+
+    def reject_proposal(self, name: str) -> None:
+        """Close a proposal. Raises UnknownElement if it is not open."""
+        self._editor.call(lambda editor: editor.rejectProposal(name))
+
     def underlay(self, floor: str) -> Underlay | None:
         """The picture below a floor, if there is one. Raises UnknownElement."""
         return maps.underlay_of(self._slow_editor.call(lambda editor: editor.getUnderlay(floor)))
@@ -177,6 +186,10 @@ class RemoteEditSession:
         return self._version(
             lambda session: session.rename(maps.element_id(kind.value, floor, name), new_name, expected)
         )
+
+    def accept_proposal(self, name: str) -> int:
+        """Make the object of a proposal. Raises UnknownElement if it is not open, DuplicateElement, InvalidElement."""
+        return self._version(lambda session: session.acceptProposal(name))
 
     def begin(self) -> RemoteTransaction:
         """A transaction, which is one edit of this author. Raises TooManyTransactions."""

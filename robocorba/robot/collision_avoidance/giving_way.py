@@ -8,12 +8,17 @@ are in a deadlock: the one with the later name is Blocked first, so that it can 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+
+from shapely import LineString, Point
+from shapely.ops import substring
 
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.frames import turned
 from robocorba.map_editor.spatial.pose import XY
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES
+from robocorba.robot.collision_avoidance.braking import REACTION_S, allowed_speed
 from robocorba.robot.collision_avoidance.neighbours import STATIONARY_M_S, Nearby, OtherRobot
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 from robocorba.robot.motion.motion import Motion, MotionCommand
@@ -48,21 +53,24 @@ class Blocked(MotionFailed):
 
 
 class GiveWay:
-    """A motion of the base that yields to other robots; raises Blocked once they have blocked it for some time.
+    """A motion of the base that yields to other robots, and stops before what the robot sees; raises Blocked once they
+    have blocked it for some time, and as soon as the robot sees something on its path.
 
-    goal: its end point [m]; within 0.6 m of it robots may be side by side. precise_positioning: NEAR_MARGIN_M holds on
-    the whole path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop before walls
-    and objects, too."""
+    path: its points [m]; within 0.6 m of the last one robots may be side by side. precise_positioning: NEAR_MARGIN_M
+    holds on the whole path, the motion lets no robot pass first, and waits while it is blocked. avoid_walls: stop
+    before walls and objects, too."""
 
     def __init__(
         self,
         motion: Motion,
         nearby: Nearby,
-        goal: XY | None = None,
+        path: Sequence[XY] = (),
         precise_positioning: bool = False,
         avoid_walls: bool = False,
     ) -> None:
-        self._motion, self._nearby, self._policy, self._goal = motion, nearby, nearby.policy, goal
+        self._motion, self._nearby, self._policy, self._goal = motion, nearby, nearby.policy, path[-1] if path else None
+        #: The path from the robot's start, and what it saw when that was checked last.
+        self._path, self._checked = list(path), NO_OBSTACLES
         self._precise_positioning, self._avoid_walls = precise_positioning, avoid_walls
         self._blocked_since: float | None = None
         #: The last tick, since when the positions of others are unknown, and how long they were in all [s].
@@ -80,6 +88,8 @@ class GiveWay:
         if command is None:
             return None
         try:
+            self._nearby.check_seen()
+            self._check_path(state)
             share, other = self._allowed_share(state, command.velocity, elapsed_s)
         except NotReachable as error:
             self._check_patience(error, elapsed_s)
@@ -92,6 +102,17 @@ class GiveWay:
         if self._blocked_since is not None and elapsed_s - self._blocked_since >= self._policy.wait_shown_s:
             awaited = f"a free way: {in_the_way(other)}"
         return command._replace(velocity=(ahead * share, left * share, turn), awaited=awaited)
+
+    def _check_path(self, state: RobotState) -> None:
+        seen = self._nearby.seen
+        if len(self._path) == 1:
+            self._path.insert(0, (state.x, state.y))
+        if not self._path or seen is self._checked:
+            return
+        self._checked, line = seen, LineString(self._path)
+        rest = substring(line, line.project(Point(state.x, state.y)), line.length)
+        if name := self._nearby.seen_on(list(rest.coords), RADIUS_M):
+            raise Blocked(state, None, name)
 
     def _check_patience(self, error: NotReachable, now: float) -> None:
         """Data that are late for a moment, as on a busy machine, must not end a drive as if the robot were stuck."""
@@ -107,7 +128,7 @@ class GiveWay:
         stationary = {other.name for other in others if math.hypot(other.vx, other.vy) < STATIONARY_M_S}
         self._stationary_since = {name: self._stationary_since.get(name, now) for name in stationary}
         wall_share = _wall_share(self._nearby.clearance_m, state, vx, vy) if self._avoid_walls else 1.0
-        least: tuple[float, OtherRobot | None] = (wall_share, None)
+        least: tuple[float, OtherRobot | None] = (min(wall_share, self._seen_share(state, vx, vy)), None)
         margin_m = self._margin_m(state)
         for other in others:
             share = safe_share(state, vx, vy, other, margin_m)
@@ -117,6 +138,13 @@ class GiveWay:
             if share < least[0]:
                 least = share, other
         return least
+
+    def _seen_share(self, state: RobotState, vx: float, vy: float) -> float:
+        """The share of a velocity from which the robot stops before what it sees."""
+        points, speed = self._nearby.seen_around(state.x, state.y), math.hypot(vx, vy)
+        if not len(points) or speed == 0.0:
+            return 1.0
+        return min(1.0, allowed_speed(points, (vx / speed, vy / speed), REACTION_S)[0] / speed)
 
     def _margin_m(self, state: RobotState) -> float:
         is_near = self._goal is not None and math.dist(self._goal, (state.x, state.y)) < 0.6

@@ -5,22 +5,24 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.services import NotReachable
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import into, out_of
 from robocorba.map_editor.spatial.pose import XY
-from robocorba.planning.temporary_obstacles import TemporaryObstacles
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.data_pool.snapshot import FloorEntity
-from robocorba.robot.kinematics.smartpal import BASE_LIMITS
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
 
 #: A robot below this speed is stationary [m/s].
 STATIONARY_M_S = 0.05
@@ -33,6 +35,8 @@ MIN_CLEARANCE_M = 0.07
 HOLDS_WITHIN_M = 0.7
 #: Distance from its rim at which a robot may be seen, as others know its place [m].
 SEEN_WITHIN_M = 0.2
+#: Clearance of paths to what the robot sees [m]: more comes into sight on the way.
+SEEN_CLEARANCE_M = 0.05
 #: By how much more than their size a held object and its other carriers are taken to fill [m], as grips give.
 CARRIED_MARGIN_M = 0.1
 
@@ -52,10 +56,22 @@ class OtherRobot(NamedTuple):
 
 class Nearby:
     """The robot `name` among others: its surroundings, and its policy of giving way. Thread-safe. pool: one that a
-    PoolFollower keeps up to date."""
+    PoolFollower keeps up to date. seen: returns what the robot itself sees, the same object until it changes, and
+    check_seen raises NotReachable while that is old. tells: whether a robot tells its pose; one that does not is no
+    robot here, only what is seen of it."""
 
-    def __init__(self, pool: DataPool, name: str, policy: GivingWayPolicy = DEFAULT_POLICY) -> None:
-        self._pool, self.name, self.policy = pool, name, policy
+    def __init__(
+        self,
+        pool: DataPool,
+        name: str,
+        policy: GivingWayPolicy = DEFAULT_POLICY,
+        seen: Callable[[], TemporaryObstacles] = lambda: NO_OBSTACLES,
+        check_seen: Callable[[], None] = lambda: None,
+        tells: Callable[[str], bool] = lambda name: True,
+    ) -> None:
+        self._pool, self.name, self.policy, self._seen, self._tells = pool, name, policy, seen, tells
+        self.check_seen = check_seen
+        self._outlined = _Outlines(NO_OBSTACLES, "")
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
         """Robots within 6 m of a point [m], beyond which a driving robot ignores them. Raises NotReachable if their
@@ -73,6 +89,7 @@ class Nearby:
                 other.radius_m + deviation_m,
             )
             for _, other in snapshot.robots_near(x, y, 6.0)
+            if self._tells(other.name)
         ]
 
     def robot_at(self, x: float, y: float) -> OtherRobot | None:
@@ -86,12 +103,60 @@ class Nearby:
     def clearance_m(self, x: float, y: float) -> float:
         """Distance of a point from walls and objects [m]; infinite where there are none. Raises NotReachable."""
         near = self._pool.loaded_snapshot().nearest_non_robot(x, y)
-        return near.distance_m if near else math.inf
+        seen_m = shapely.distance(self._outlines.polygons, Point(x, y)).min(initial=math.inf)
+        return min(near.distance_m if near else math.inf, float(seen_m))
 
     def shaft(self, elevator: str) -> Polygon | None:
         """The shaft of an elevator on this floor [m]; None while the floor is not loaded."""
         walls = self._pool.snapshot().walls
         return walls.shafts.get(elevator) if walls else None
+
+    # ---- what the robot sees ----
+
+    def explains(self, floor: str, points: Floats, within_m: Floats) -> npt.NDArray[np.bool_]:
+        """Which points (n, 2) of a floor are within some distances (n,) of what is known there [m]: walls, doors,
+        objects, robots that tell their poses. Raises NotReachable."""
+        snapshot = self._pool.current_snapshot()
+        own = snapshot.robot(self.name)
+        if snapshot.floor != floor or own is None:
+            raise NotReachable(f"the data pool is not on floor {floor}")
+        found = snapshot.explains(points, within_m)
+        for other in self.others(own.x, own.y):
+            found |= np.hypot(*(points - (other.x, other.y)).T) <= other.radius_m + np.maximum(within_m, SEEN_WITHIN_M)
+        return found
+
+    @property
+    def seen(self) -> TemporaryObstacles:
+        """What the robot sees: the same object until that changes."""
+        return self._seen()
+
+    def seen_around(self, x: float, y: float) -> Floats:
+        """Points (n, 2) on the outlines of what the robot sees, at most 0.1 m apart, from a point [m]."""
+        return self._outlines.points - (x, y)
+
+    def seen_on(self, line: Sequence[XY], radius_m: float) -> str:
+        """The name of what the robot sees that its disc touches on a line [m]; empty for nothing."""
+        touched = np.flatnonzero(shapely.dwithin(self._outlines.polygons, LineString([*line, line[-1]]), radius_m))
+        return self._outlines.names[touched[0]] if len(touched) else ""
+
+    def with_seen(self, obstacles: TemporaryObstacles, robot: XY) -> TemporaryObstacles:
+        """Obstacles, and what the robot sees, with SEEN_CLEARANCE_M around it; but nothing where the robot is [m]."""
+        areas, names = list(obstacles.forbidden_areas), list(obstacles.names)
+        disc = Point(robot).buffer(RADIUS_M + MIN_CLEARANCE_M)
+        seen = self._seen()
+        for (floor, corners), name in zip(seen.forbidden_areas, seen.names, strict=True):
+            around = Polygon(corners).buffer(SEEN_CLEARANCE_M, join_style="mitre", mitre_limit=2.0)
+            for part in shapely.get_parts(around.difference(disc)):
+                areas.append((floor, tuple(map(tuple, shapely.get_coordinates(part.exterior)[:-1].tolist()))))
+                names.append(name)
+        return obstacles._replace(forbidden_areas=tuple(areas), names=tuple(names))
+
+    @property
+    def _outlines(self) -> _Outlines:
+        seen, floor, known = self._seen(), self._pool.floor, self._outlined
+        if known.seen is not seen or known.floor != floor:
+            known = self._outlined = _Outlines(seen, floor)
+        return known
 
     # ---- what stands in the way though it is not on the map; empty while the floor is not loaded ----
 
@@ -128,7 +193,11 @@ class Nearby:
     def parked_robots(self) -> TemporaryObstacles:
         """The other robots on the floor that stand still, at their full size."""
         snapshot = self._pool.snapshot()
-        others = [other for other in snapshot.robots if other.name != self.name and not _drives(other)]
+        others = [
+            other
+            for other in snapshot.robots
+            if other.name != self.name and not _drives(other) and self._tells(other.name)
+        ]
         areas = tuple((snapshot.floor, _disc(other, other.radius_m)) for other in others)
         return TemporaryObstacles(areas, names=tuple(other.name for other in others))
 
@@ -141,13 +210,24 @@ class Nearby:
         own = snapshot.robot(self.name)
         if own is None:
             return TemporaryObstacles()
-        near = [other for _, other in snapshot.robots_near(own.x, own.y, 15.0)]
+        near = [other for _, other in snapshot.robots_near(own.x, own.y, 15.0) if self._tells(other.name)]
         kept_free = [(own.x, own.y), *([goal] if goal else ())]
         blocking = [other for other in near if other.name == also or not _drives(other)][: self.policy.max_robots]
         objects = self.movable_objects(held)
         discs = tuple((snapshot.floor, _disc_beside(other, kept_free, own.radius_m)) for other in blocking)
         names = tuple(other.name for other in blocking)
         return objects._replace(forbidden_areas=discs + objects.forbidden_areas, names=names + objects.names)
+
+
+class _Outlines:
+    """What the robot sees on a floor, as polygons, and points (n, 2) on their borders, at most 0.1 m apart [m]."""
+
+    def __init__(self, seen: TemporaryObstacles, floor: str) -> None:
+        self.seen, self.floor = seen, floor
+        here = [number for number, (where, _) in enumerate(seen.forbidden_areas) if where == floor]
+        self.names = [seen.names[number] for number in here]
+        self.polygons = np.array([Polygon(seen.forbidden_areas[number][1]) for number in here], object)
+        self.points = shapely.get_coordinates(shapely.segmentize(self.polygons, 0.1))
 
 
 def _drives(robot: FloorEntity) -> bool:

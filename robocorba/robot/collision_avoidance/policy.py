@@ -20,6 +20,10 @@ class GivingWayPolicy:
     blocked_by_later_s: float = 4.0
     #: A drive fails when it is blocked more often than this.
     max_blockages: int = 8
+    #: A drive fails when it has to take another path around what the robot sees more often than this.
+    max_detours: int = 60
+    #: Or when it does not get on for this time because of that [s].
+    max_stuck_s: float = 20.0
     #: Time for which a blocked robot searches for a path around the other one [s]; then it takes the path of the map.
     max_search_s: float = 10.0
     #: A robot that yields for a shorter time shows that it works, not that it waits [s].

@@ -89,9 +89,9 @@ class RobotChannel:
     def _receive(self, event: Event) -> None:
         self._receiver(event.type, event.source, event.payload, event.origin)
 
-    def publish(self, type: str, payload: Any, retry_s: float) -> None:
-        """Publish an event; retries for `retry_s`. Raises EventError, NotReachable."""
-        self._connected().push(type, payload, retry_s=retry_s)
+    def publish(self, type: str, payload: Any, retry_s: float, expiry_s: float = 0.0) -> None:
+        """Publish an event; retries for `retry_s`. expiry_s: 0 for never. Raises EventError, NotReachable."""
+        self._connected().push(type, payload, retry_s=retry_s, expiry_s=expiry_s)
 
     def close(self) -> None:
         self._check.close()

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely import Point
 
@@ -177,6 +178,17 @@ class FloorSnapshot:
             if near.distance_m < limit_m:
                 limit_m = near.distance_m
                 yield near
+
+    def explains(self, points: Floats, within_m: Floats) -> npt.NDArray[np.bool_]:
+        """Which points (n, 2) are within some distances (n,) of walls, doors or objects [m]."""
+        found = self.walls.near(points, within_m) if self.walls else np.zeros(len(points), bool)
+        if not len(points):
+            return found
+        (x, y), rows = points.mean(axis=0).tolist(), self.bodies.objects
+        reach_m = float(np.hypot(*(points - (x, y)).T).max() + within_m.max())
+        for row in rows[self._distances_m(rows, x, y) <= reach_m].tolist():
+            found |= shapely.dwithin(shapely.points(points), shapely.polygons(self._entity(row).corners), within_m)
+        return found
 
     def _distances_m(self, rows: Longs, x: float, y: float) -> Floats:
         """Distances (n,) from a point to the circles around bodies [m]; negative inside them."""

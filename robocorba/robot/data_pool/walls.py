@@ -7,6 +7,8 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+import numpy as np
+import numpy.typing as npt
 import shapely
 from shapely import Point, STRtree
 from shapely.geometry.base import BaseGeometry
@@ -15,6 +17,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.map_editor.geometry import compute_obstacles, shaft_polygon
 from robocorba.map_editor.model import Building, Elevator, Floor, GeometricalMap
 from robocorba.map_editor.movable import landing_doors, movables
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 
 
@@ -73,6 +76,14 @@ class Walls:
         if row is not None:
             found.append(nearest_of(point, self._tree.geometries[row], self._names[row]))
         return min(found, default=None)
+
+    def near(self, points: Floats, within_m: Floats) -> npt.NDArray[np.bool_]:
+        """Which points (n, 2) are within some distances (n,) of fixed obstacles or landing doors [m], open or not."""
+        where, found = shapely.points(points), np.zeros(len(points), bool)
+        found[self._tree.query(where, "dwithin", within_m)[0]] = True
+        for lines in self._doors.values():
+            found |= shapely.dwithin(where, lines, within_m)
+        return found
 
     def distance_m(self, shape: BaseGeometry) -> float:
         """Distance of a shape from the fixed obstacles but landing doors [m]; infinite on an empty floor."""

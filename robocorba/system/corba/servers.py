@@ -67,14 +67,16 @@ _SENSOR = Probe(RoboCorba.VirtualSensor, lambda sensor: sensor._get_load())
 _CHANNEL = Probe(RoboCorba.EventChannel, lambda channel: channel._get_name())
 
 
-def servers(subnets: Sequence[str], sensors: int, bidirectional: bool = False) -> list[Server]:
+def servers(subnets: Sequence[str], sensors: int, bidirectional: bool = False, accept: str = "") -> list[Server]:
     """The servers of a system with these sub-networks, whose channels are all linked, and `sensors` sensor servers.
 
-    The simulation server publishes its events at the first channel. bidirectional: channels call consumers that want it
-    over the connections that these have opened."""
+    The simulation server publishes its events at the first channel, and the map editor listens there. bidirectional:
+    channels call consumers that want it over the connections that these have opened. accept: which proposals the map
+    editor accepts."""
+    at_first = ("--channel", subnets[0])
     return [
-        Server("map_editor", "robocorba.servers.map_editor", _MAP_EDITOR),
-        Server("simulation", "robocorba.servers.simulation", _SIMULATION, ("--channel", subnets[0])),
+        Server("map_editor", "robocorba.servers.map_editor", _MAP_EDITOR, (*at_first, "--accept", accept)),
+        Server("simulation", "robocorba.servers.simulation", _SIMULATION, at_first),
         *(_sensor(f"s{number}") for number in range(1, sensors + 1)),
         *(_channel(name, subnets, bidirectional) for name in subnets),
     ]

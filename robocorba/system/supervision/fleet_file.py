@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
@@ -48,6 +48,7 @@ class Defaults(msgspec.Struct, forbid_unknown_fields=True, kw_only=True):
     program: str | UnsetType = UNSET
     adaptor: str | UnsetType = UNSET
     arguments: Annotated[list[str], Meta(max_length=64)] | UnsetType = UNSET
+    perceive: Literal["simulation", "sensors"] | UnsetType = UNSET
 
 
 class Entry(Defaults, forbid_unknown_fields=True, kw_only=True):
@@ -198,6 +199,7 @@ def _orders(entry: Entry, defaults: Defaults, folder: Path) -> Iterator[RobotOrd
             (at[0], at[1], at[2] if len(at) > 2 else 0.0) if at else None,
             given.get("channel", ""),
             (folder / given["program"]) if given.get("program") else None,
+            given.get("perceive", ""),
         )
 
 

@@ -42,7 +42,7 @@ def robot_spec(
     progress: receives what the process prints, with lines about the robot's progress."""
     # With = no value can be taken for an option.
     options = [f"--adaptor={order.adaptor}", f"--naming={naming.setting}", f"--state={state}"]
-    given = ("floor", order.floor), ("channel", order.channel), ("program", order.program)
+    given = ("floor", order.floor), ("channel", order.channel), ("program", order.program), ("perceive", order.perceive)
     options += [f"--{option}={value}" for option, value in given if value]
     if order.at is not None:
         options.append("--at=" + ",".join(map(repr, order.at)))

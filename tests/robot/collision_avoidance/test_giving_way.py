@@ -4,21 +4,31 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as some
-from shapely import Polygon
+from shapely import Point, Polygon
 
 from robocorba.errors.robots import MotionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.model import BoxShape, Building, Floor, FloorMap, GeometricalMap, MapObject, Wall
 from robocorba.map_editor.samples import load_sample
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import turned
 from robocorba.map_editor.spatial.pose import XY
-from robocorba.planning.temporary_obstacles import TemporaryObstacles
-from robocorba.robot.collision_avoidance.giving_way import MARGIN_M, NEAR_MARGIN_M, GiveWay, safe_share, should_yield
+from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
+from robocorba.robot.collision_avoidance.giving_way import (
+    MARGIN_M,
+    NEAR_MARGIN_M,
+    Blocked,
+    GiveWay,
+    safe_share,
+    should_yield,
+)
 from robocorba.robot.collision_avoidance.neighbours import OtherRobot
 from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, RADIUS_M
@@ -34,10 +44,11 @@ class Base:
     """A base with the greatest acceleration, and a record of its states. wall_y: the only obstacle."""
 
     policy = DEFAULT_POLICY
+    seen = NO_OBSTACLES
 
     def __init__(self, name: str, x: float, y: float, wall_y: float = math.inf) -> None:
         self.name, self.state, self.wall_y = name, RobotState(0.0, x, y, 0.0), wall_y
-        self.seen: list[OtherRobot] = []
+        self.past: list[OtherRobot] = []
         self.awaited: set[str] = set()
         self.neighbours: list[Base] = []
         self.look()
@@ -45,11 +56,11 @@ class Base:
     def look(self) -> None:
         state = self.state
         vx, vy = turned(*state.velocity[:2], state.heading)
-        self.seen.append(OtherRobot(self.name, state.x, state.y, vx, vy, state.heading, RADIUS_M))
+        self.past.append(OtherRobot(self.name, state.x, state.y, vx, vy, state.heading, RADIUS_M))
 
     def others(self, x: float, y: float) -> list[OtherRobot]:
         """As they were some ticks ago, extrapolated to the present."""
-        found = [base.seen[-KNOWN_LATE_TICKS:][0] for base in self.neighbours]
+        found = [base.past[-KNOWN_LATE_TICKS:][0] for base in self.neighbours]
         late_s = KNOWN_LATE_TICKS * TICK_S
         return [one._replace(x=one.x + one.vx * late_s, y=one.y + one.vy * late_s) for one in found]
 
@@ -58,6 +69,19 @@ class Base:
 
     def clearance_m(self, x: float, y: float) -> float:
         return self.wall_y - y
+
+    def check_seen(self) -> None:
+        pass
+
+    def seen_around(self, x: float, y: float) -> Floats:
+        corners = [corner for _, outline in self.seen.forbidden_areas for corner in outline]
+        return np.array(corners).reshape(-1, 2) - (x, y)
+
+    def seen_on(self, line: Sequence[XY], radius_m: float) -> str:
+        return "".join(self.seen.near_line(FLOOR, line, radius_m))
+
+    def with_seen(self, obstacles: TemporaryObstacles, robot: XY) -> TemporaryObstacles:
+        return obstacles
 
     def movable_objects(self, held: str) -> TemporaryObstacles:
         return TemporaryObstacles()
@@ -117,7 +141,7 @@ def test_robots_never_touch(drives: list[tuple[tuple[float, float], tuple[float,
     assume(all(math.dist(a, b) > 2 * RADIUS_M + MARGIN_M for i, a in enumerate(starts) for b in starts[:i]))
     bases = [Base(f"r{number}", *start) for number, start in enumerate(starts)]
     motions = [
-        GiveWay(Drive([goal], None, speed, BASE_LIMITS), base, goal)
+        GiveWay(Drive([goal], None, speed, BASE_LIMITS), base, [goal])
         for base, (_, goal, speed) in zip(bases, drives, strict=True)
     ]
     nearest_m, ends = drive(bases, motions, 240.0)  # at 0.1 m/s 11 m take a while
@@ -129,12 +153,12 @@ def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> 
     bases = [Base("a", -3.0, 0.0), Base("b", 0.0, -3.0)]
     goals = [(3.0, 0.0), (0.0, 3.0)]
     motions = [
-        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, [goal]) for base, goal in zip(bases, goals, strict=True)
     ]
     nearest_m, ends = drive(bases, motions)
     assert ends == ["there", "there"]
     assert nearest_m > MARGIN_M
-    speeds = [[math.hypot(one.vx, one.vy) for one in base.seen if abs(one.x) < 2 and abs(one.y) < 2] for base in bases]
+    speeds = [[math.hypot(one.vx, one.vy) for one in base.past if abs(one.x) < 2 and abs(one.y) < 2] for base in bases]
     assert min(speeds[0]) > 0.39
     assert min(speeds[1]) < 0.2
     assert bases[0].awaited == {""}
@@ -144,7 +168,7 @@ def test_head_on_both_stop_and_name_the_other() -> None:
     bases = [Base("a", -2.0, 0.0), Base("b", 2.0, 0.0)]
     goals = [(2.0, 0.0), (-2.0, 0.0)]
     motions = [
-        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, goal) for base, goal in zip(bases, goals, strict=True)
+        GiveWay(Drive([goal], None, 0.4, BASE_LIMITS), base, [goal]) for base, goal in zip(bases, goals, strict=True)
     ]
     nearest_m, ends = drive(bases, motions)
     assert NEAR_MARGIN_M - 0.005 < nearest_m < MARGIN_M + 0.02
@@ -156,7 +180,7 @@ def test_head_on_both_stop_and_name_the_other() -> None:
 def test_places_side_by_side_can_be_reached() -> None:
     bases = [Base("a", 0.0, 0.0), Base("b", 3.0, 0.5)]
     goal = 0.82, 0.0
-    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE_LIMITS), bases[1], goal)
+    motion = GiveWay(Drive([goal], 0.0, 0.3, BASE_LIMITS), bases[1], [goal])
     nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE_LIMITS), bases[0]), motion])
     assert ends == ["there", "there"]
     assert nearest_m >= NEAR_MARGIN_M
@@ -313,3 +337,31 @@ def test_the_blocking_robot_is_named() -> None:
     wrong = crowd.run(60.0, A=lambda robot: robot.drive_path(FLOOR, 7.0, 0.5))
     assert wrong["A"].endswith("B is in the way")
     assert crowd.touched == []
+
+
+@settings(deadline=None, max_examples=30)
+@given(some.floats(0.1, 0.8), some.floats(-0.6, 0.6), some.floats(0.0, 1.0))
+def test_a_base_stops_before_what_it_sees_and_passes_what_lies_beside(speed: float, y: float, after_s: float) -> None:
+    """On a path it is blocked as soon as it sees what lies on it, else when it stands."""
+    corner = FLOOR, ((2.0, y), (2.1, y), (2.05, y + 0.01))
+    seen = TemporaryObstacles((corner,), names=("seen thing 1",))
+    for path in ((), [(4.0, 0.0)]):
+        base = Base("r", 0.0, 0.0)
+        motion = GiveWay(Drive([(4.0, 0.0)], None, speed, BASE_LIMITS), base, path)
+        nearest_m, failed = math.inf, ""
+        while base.state.time < 60.0 and not failed:
+            if base.state.time >= after_s:
+                base.seen = seen
+            try:
+                command = motion.command(base.state, base.state.time)
+            except Blocked as blocked:
+                failed = str(blocked)
+            if command is None:
+                break
+            base.go(command.velocity if not failed else (0.0, 0.0, 0.0))
+            base.look()
+            nearest_m = min(nearest_m, Polygon(corner[1]).distance(Point(base.state.x, base.state.y)))
+        assert nearest_m > RADIUS_M
+        is_in_the_way = -RADIUS_M - 0.01 < y < RADIUS_M
+        assert ("seen thing 1" in failed) == (bool(path) and is_in_the_way)
+        assert bool(failed) or not is_in_the_way

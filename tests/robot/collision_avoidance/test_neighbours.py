@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
+import numpy as np
 import pytest
 from shapely import Point, Polygon
 
@@ -18,7 +20,7 @@ from tests.robot.data_pool.places import Place
 from tests.simulation.places import robot
 
 
-def seen_by_a(other_y: float, name: str = "A", policy: GivingWayPolicy = DEFAULT_POLICY) -> Nearby:
+def seen_by_a(other_y: float, name: str = "A", policy: GivingWayPolicy = DEFAULT_POLICY, **more: Any) -> Nearby:
     """By A at (7, 1); B stands at (7, other_y), C drives."""
     place = Place()
     place.world.refresh()
@@ -28,7 +30,7 @@ def seen_by_a(other_y: float, name: str = "A", policy: GivingWayPolicy = DEFAULT
     place.run(1.0)
     pool = place.pool(own_name="A")
     pool.follow()
-    return Nearby(pool, name, policy)
+    return Nearby(pool, name, policy, **more)
 
 
 def areas(found: TemporaryObstacles) -> list[Polygon]:
@@ -108,3 +110,35 @@ def test_what_a_robot_carries_is_the_object_and_those_who_hold_it_too() -> None:
     assert [carried.contains(point) for point in (table, other, by_itself)] == [True, True, False]
     assert not carried.contains(Point(0.4, 0.0))
     assert nearby.carried("") is nearby.carried("nothing") is None
+
+
+def test_a_robot_that_tells_nothing_is_only_what_is_seen_of_it() -> None:
+    outline = ((6.7, 1.6), (7.3, 1.6), (7.3, 2.0))
+    thing = TemporaryObstacles((("L1", outline), ("L2", outline)), names=("seen thing 1", "seen thing 2"))
+    near = seen_by_a(1.9, seen=lambda: thing, tells={"C"}.__contains__)
+    assert [other.name for other in near.others(7.0, 5.0)] == ["C"]
+    assert near.robot_at(7.0, 1.6) is None
+    assert near.parked_robots().names == ()
+    assert near.temporary_obstacles().names == ("T1",)
+    assert near.clearance_m(7.0, 1.0) == pytest.approx(0.6)
+    assert near.seen_around(7.0, 1.0).min(axis=0) == pytest.approx((-0.3, 0.6))
+    assert near.seen_on([(5.0, 1.25), (9.0, 1.25)], 0.4) == "seen thing 1"
+    assert near.seen_on([(5.0, 1.15), (9.0, 1.15)], 0.4) == ""
+    found = near.with_seen(near.movable_objects(), (7.0, 1.0))
+    assert found.names[0] == "T1"
+    assert set(found.names[1:]) == {"seen thing 1", "seen thing 2"}
+    (around, *_) = (Polygon(corners) for floor, corners in found.forbidden_areas[1:] if floor == "L1")
+    assert around.contains(Polygon(outline).buffer(0.04))
+    assert around.distance(Point(7.0, 1.0)) >= RADIUS_M + MIN_CLEARANCE_M - 0.01  # never where it is itself
+
+
+def test_what_is_known_explains_echoes() -> None:
+    near, silent = seen_by_a(3.0), seen_by_a(3.0, tells=lambda name: False)
+    #: Beside the table, at its border, at a robot.
+    echoes = np.array([(2.0, 3.0), (2.0, 1.75), (7.0, 2.6)])
+    assert near.explains("L1", echoes, np.full(3, 0.1)).tolist() == [False, True, True]
+    assert silent.explains("L1", echoes, np.full(3, 0.1)).tolist() == [False, True, False]
+    assert near.explains("L1", echoes, np.full(3, 2.0)).all()
+    assert near.explains("L1", np.empty((0, 2)), np.empty(0)).shape == (0,)
+    with pytest.raises(NotReachable, match="not on floor L2"):
+        near.explains("L2", echoes, np.full(3, 0.1))

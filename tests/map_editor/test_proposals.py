@@ -1,0 +1,339 @@
+"""Proposals of what robots have seen: when a thing is proposed, and what becomes of it, also against a model."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from robocorba.errors.maps import InvalidElement, UnknownElement
+from robocorba.map_editor.map_building_agent import BuildingEditor
+from robocorba.map_editor.model import BoxShape, Building, ElementKind, Floor, MapObject
+from robocorba.map_editor.proposals import DEFAULT_POLICY, Proposals
+from robocorba.map_editor.sightings import SeenObstacle, same_things, seen_of
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.map_editor.validation import problems
+from testkit.buildings import two_floors
+from tests.clock import Clock
+
+CHAIR = ((-0.25, -0.25), (0.25, -0.25), (0.25, 0.25), (-0.25, 0.25))
+POLICY = DEFAULT_POLICY._replace(accept_robots=3, accept_s=20.0)
+
+
+def seen(x: float, y: float, corners: Sequence[XY] = CHAIR, floor: str = "L1", certainty: float = 0.8) -> SeenObstacle:
+    outline = tuple((x + dx, y + dy) for dx, dy in corners)
+    return SeenObstacle(1, floor, x, y, outline, certainty)
+
+
+class Place:
+    """Proposals on a building of two floors, and what was planned last."""
+
+    def __init__(
+        self, building: Building | None = None, stored: bytes = b"", policy: Any = POLICY, now: float = 100.0
+    ) -> None:
+        self.clock, self.planned = Clock(now), [building or two_floors()]
+        self.proposals = Proposals(
+            self.planned[0], 1, lambda planned, version: self.planned.append(planned), stored, policy, self.clock
+        )
+
+    def watch(self, *things: SeenObstacle, robots: str = "AB", seconds: float = 4.0) -> None:
+        """Two robots see these things for some time, once a second."""
+        for _ in range(round(seconds) + 1):
+            self.proposals.correlate(dict.fromkeys(robots, things))
+            self.clock.now += 1.0
+
+    def objects(self, floor: str = "L1") -> dict[str, MapObject]:
+        return self.planned[-1].floors[floor].geometrical.objects
+
+
+@pytest.fixture
+def place() -> Place:
+    return Place()
+
+
+def test_what_two_robots_see_for_a_moment_is_proposed_and_planned_around(place: Place) -> None:
+    chair = seen(5.0, 3.0)
+    place.watch(chair, robots="A", seconds=10.0)
+    assert place.proposals.open() == []
+    place.watch(chair, seconds=2.0)  # not long enough
+    assert (place.proposals.open(), len(place.planned)) == ([], 1)
+    place.watch(chair, robots="BC", seconds=2.0)
+    (proposal,) = place.proposals.open()
+    assert (proposal.name, proposal.floor, proposal.seen_by) == ("seen 1", "L1", ("A", "B", "C"))
+    assert proposal.certainty == pytest.approx(1.0 - 0.2**3)
+    drawn = place.objects()["seen 1"]
+    assert drawn == proposal.element and not drawn.movable
+    assert drawn.at == pytest.approx((5.0, 3.0))
+    assert len(place.planned) == 2  # planned anew once, not for each sighting
+    assert not problems(place.planned[-1])
+    assert place.proposals.due() == []
+    place.watch(chair, seconds=20.0)
+    assert [each.name for each in place.proposals.due()] == ["seen 1"]
+
+
+def test_its_outline_is_around_all_sides_that_robots_see(place: Place) -> None:
+    west, east = seen(5.0, 3.0, CHAIR[:1] + CHAIR[3:]), seen(5.0, 3.0, CHAIR[:2])
+    for _ in range(5):
+        place.proposals.correlate({"A": [west], "B": [east]})
+        place.clock.now += 1.0
+    (proposal,) = place.proposals.open()
+    assert proposal.element.at == pytest.approx((4.917, 2.917), abs=0.01)  # of the half that both have seen
+    place.watch(seen(5.0, 3.0, CHAIR[1:]), robots="BC", seconds=1.0)
+    assert place.proposals.open()[0].element.at == pytest.approx((5.0, 3.0), abs=0.01)
+    assert place.objects()["seen 1"].at == pytest.approx((5.0, 3.0), abs=0.01)
+
+
+def test_who_walks_by_and_what_the_map_has_is_not_proposed(place: Place) -> None:
+    for step in range(30):
+        place.proposals.correlate({robot: [seen(2.0 + 0.4 * step, 3.0)] for robot in "AB"})
+        place.clock.now += 1.0
+    assert place.proposals.open() == []
+    place.proposals.follow(place.planned[0].with_element("L1", MapObject("desk", BoxShape((1.0, 1.0)), (5.0, 6.0))), 2)
+    place.watch(seen(5.0, 6.0), seen(1.0, 1.0, floor="L9"))
+    assert place.proposals.open() == []
+    place.watch(seen(8.0, 6.0, certainty=0.2))
+    assert place.proposals.open() == []
+
+
+def test_a_thing_that_is_moved_is_proposed_where_it_is(place: Place) -> None:
+    place.watch(seen(5.0, 3.0))
+    place.proposals.reject("seen 1")
+    assert list(place.objects()) == ["table"]
+    place.watch(seen(5.0, 3.1), seconds=30.0)
+    assert place.proposals.open() == []  # rejected, and still there
+    place.watch(seen(5.4, 3.3))
+    assert [each.element.at for each in place.proposals.open()] == [pytest.approx((5.4, 3.3))]
+
+
+def test_things_near_each_other_are_not_mixed_up() -> None:
+    ones = [seen(5.0, 3.0), seen(5.0, 3.7), seen(9.0, 3.0)]
+    others = [seen(5.02, 3.72), seen(9.0, 3.0, floor="L2"), seen(5.02, 2.98)]
+    found = {(round(a.x, 1), round(a.y, 1)): (b.x, b.y) for a, b in same_things(ones, others)}
+    assert found == {(5.0, 3.0): (5.02, 2.98), (5.0, 3.7): (5.02, 3.72)}
+
+
+def test_a_payload_that_is_not_valid_says_nothing() -> None:
+    valid = {"number": 3, "floor": "L1", "x": 1.0, "y": 2.0, "outline": [[1.0, 2.0]], "certainty": 0.5, "more": 1}
+    assert seen_of({"obstacles": [valid]})[0].outline == ((1.0, 2.0),)
+    for wrong in (
+        *(None, b"\x01", {}, {"obstacles": 3}, {"obstacles": [valid] * 101}),
+        *({"obstacles": [{**valid, **change}]} for change in ({"x": math.nan}, {"certainty": 1.1}, {"outline": []})),
+        *({"obstacles": [{**valid, **change}]} for change in ({"outline": [[math.inf, 0.0]]}, {"unseen_s": -1.0})),
+    ):
+        assert seen_of(wrong) == ()
+
+
+def test_anybody_proposes_what_they_are_sure_of(place: Place) -> None:
+    outline = [(5.0 + dx, 3.0 + dy) for dx, dy in CHAIR]
+    name = place.proposals.propose("L1", outline, 0.9, "Ada")
+    assert place.proposals.find(name).seen_by == ("Ada",)
+    place.proposals.reject(name)
+    assert place.proposals.propose("L1", outline, 0.9, "Ben") == name
+    assert place.proposals.find(name).seen_by == ("Ada", "Ben")
+    for floor, points, certainty, who in (
+        ("L1", outline[:2], 0.9, "Ada"),
+        ("L1", [(0.0, math.nan), *outline], 0.9, "Ada"),
+        ("L1", outline, 1.5, "Ada"),
+        *(("L1", outline, 0.5, who) for who in ("", "a\nb", "x" * 61)),
+    ):
+        with pytest.raises(InvalidElement, match="object 'proposal' on L1: "):
+            place.proposals.propose(floor, points, certainty, who)
+    for number in range(30):
+        place.proposals.propose("L1", outline, 0.9, f"camera {number:02}")
+    assert place.proposals.find(name).seen_by == tuple(f"camera {number}" for number in range(10, 30))
+    with pytest.raises(UnknownElement, match="no floor 'L9'"):
+        place.proposals.propose("L9", outline, 0.9, "Ada")
+    desk = MapObject("desk", BoxShape((1.0, 1.0)), (5.0, 3.0))
+    place.proposals.follow(place.planned[0].with_element("L1", desk), 2)
+    with pytest.raises(InvalidElement, match="the map has an object there"):
+        place.proposals.propose("L1", outline, 0.9, "Ada")
+
+
+def test_what_is_rejected_comes_again_when_it_was_missed_for_long(place: Place) -> None:
+    place.watch(seen(5.0, 3.0))
+    place.proposals.reject("seen 1")
+    place.clock.now += POLICY.kept_s + 100.0
+    place.proposals.end_unseen()
+    place.watch(seen(5.0, 3.0))
+    assert place.proposals.open() == []
+    place.clock.now += POLICY.rejected_s + 1.0
+    place.proposals.end_unseen()
+    place.watch(seen(5.0, 3.0))
+    assert len(place.proposals.open()) == 1
+
+
+def test_of_too_many_what_was_proposed_or_rejected_is_kept() -> None:
+    place = Place(policy=DEFAULT_POLICY._replace(most=3))
+    place.watch(seen(1.0, 3.0), seen(3.0, 3.0))
+    place.proposals.reject("seen 1")
+    for x in (5.0, 7.0, 9.0):
+        place.proposals.correlate({robot: [seen(x, 3.0)] for robot in "AB"})
+    assert [each.name for each in place.proposals.open()] == ["seen 2"]
+    place.watch(seen(1.0, 3.0), seen(9.0, 3.0))
+    assert [each.element.at[0] for each in place.proposals.open()] == pytest.approx([3.0, 9.0])
+
+
+def test_there_are_not_too_many() -> None:
+    place = Place(policy=DEFAULT_POLICY._replace(most=3))
+    for x in (1.0, 3.0, 5.0, 7.0):
+        place.proposals.correlate({robot: [seen(x, 3.0)] for robot in "AB"})
+        place.clock.now += 0.1
+    place.watch(*(seen(x, 3.0) for x in (3.0, 5.0, 7.0)))
+    assert len(place.proposals.open()) == 3
+    place.watch(seen(9.0, 3.0))
+    assert [each.element.at[0] for each in place.proposals.open()] == pytest.approx([3.0, 5.0, 7.0])
+    with pytest.raises(InvalidElement, match="or 3 proposals are open"):
+        place.proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
+
+
+def test_proposals_and_rejections_outlast_a_restart(place: Place, editor: BuildingEditor) -> None:
+    assert editor.proposals() == b""
+    place.watch(seen(5.0, 3.0), seen(8.0, 3.0))
+    place.proposals.reject("seen 2")
+    place.proposals.save(editor.save_proposals)
+    place.proposals.save(lambda content: pytest.fail("it was written already"))
+    later = Place(stored=editor.proposals())
+    assert [each.name for each in later.proposals.open()] == ["seen 1"]
+    assert list(later.objects()) == ["table", "seen 1"]
+    later.watch(seen(8.0, 3.0))
+    assert [each.name for each in later.proposals.open()] == ["seen 1"]
+    later.watch(seen(8.0, 3.0), seen(5.0, 3.0))
+    later.proposals.reject("seen 1")
+    later.proposals.save(editor.save_proposals)
+    assert Place(stored=editor.proposals()).proposals.open() == []
+    drawn = place.planned[0].with_element("L1", MapObject("seen 1", BoxShape((0.5, 0.5)), (5.0, 3.0)))
+    place.proposals.save(editor.save_proposals)
+    content: list[bytes] = []
+    place.proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
+    place.proposals.save(content.append)
+    assert [each.name for each in Place(drawn, content[0]).proposals.open()] == ["seen 3"]  # drawn meanwhile
+    assert Place(stored=b"[{").proposals.open() == []
+
+
+SPOTS = {number: (2.0 + 3.0 * number, 3.0) for number in range(4)}
+
+
+class ProposalMachine(RuleBasedStateMachine):
+    """The model knows for each spot who has seen a chair there, since when and when last, and what was decided."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.place = Place()
+        self.building, self.version = self.place.planned[0], 1
+        #: By spot: robots, since, last, and new, open or rejected.
+        self.model: dict[int, tuple[set[str], float, float, str]] = {}
+        self.names: dict[int, str] = {}
+
+    @rule(spots=st.sets(st.sampled_from(sorted(SPOTS)), min_size=1), robots=st.sampled_from(("AB", "BC", "AC")))
+    def see(self, spots: set[int], robots: str) -> None:
+        things = [seen(*SPOTS[spot]) for spot in sorted(spots)]
+        self.place.proposals.correlate(dict.fromkeys(robots, things))
+        for spot in spots - self.mapped():
+            before, since, _, state = self.model.get(spot, (set(), self.now, self.now, "new"))
+            is_ripe = state == "new" and self.now - since >= POLICY.standing_s
+            self.model[spot] = (before | set(robots), since, self.now, "open" if is_ripe else state)
+
+    @rule(spots=st.sets(st.sampled_from(sorted(SPOTS)), min_size=1), robots=st.sampled_from(("AB", "BC", "AC")))
+    def watch(self, spots: set[int], robots: str) -> None:
+        """See these for long enough."""
+        self.see(spots, robots)
+        self.wait(POLICY.standing_s)
+        self.see(spots, robots)
+
+    @rule(seconds=st.sampled_from((0.5, 2.0, 100.0, 301.0, 3601.0)))
+    def wait(self, seconds: float) -> None:
+        self.place.clock.now += seconds
+        self.place.proposals.end_unseen()
+        for spot, (_, _, last, state) in list(self.model.items()):
+            if self.now - last > (POLICY.rejected_s if state == "rejected" else POLICY.kept_s):
+                del self.model[spot]
+
+    @precondition(lambda self: self.open())
+    @rule(data=st.data())
+    def reject(self, data: st.DataObject) -> None:
+        spot = data.draw(st.sampled_from(self.open()))
+        self.place.proposals.reject(self.name(spot))
+        self.model[spot] = (*self.model[spot][:3], "rejected")
+
+    @precondition(lambda self: self.open())
+    @rule(data=st.data())
+    def accept(self, data: st.DataObject) -> None:
+        """As the map editor does: the object is drawn, and it follows."""
+        spot = data.draw(st.sampled_from(self.open()))
+        proposal = self.place.proposals.find(self.name(spot))
+        self.edit(self.building.with_element(proposal.floor, proposal.element))
+        with pytest.raises(UnknownElement):
+            self.place.proposals.find(proposal.name)
+
+    @rule(spot=st.sampled_from(sorted(SPOTS)), name=st.sampled_from(("desk", "seen 1", "seen 2")))
+    def draw(self, spot: int, name: str) -> None:
+        """Somebody draws an object there, also by the name of a proposal."""
+        self.edit(self.building.with_element("L1", MapObject(name, BoxShape((0.6, 0.6)), SPOTS[spot])))
+
+    @precondition(lambda self: self.mapped())
+    @rule(data=st.data())
+    def remove(self, data: st.DataObject) -> None:
+        name = data.draw(st.sampled_from(sorted(self.building.floors["L1"].geometrical.objects)))
+        self.edit(self.building.without(ElementKind.OBJECT, "L1", name))
+
+    @rule()
+    def edit_something_else(self) -> None:
+        self.edit(self.building.with_element("", Floor("L5", 5, 20.0 + self.version)))
+
+    @rule()
+    def restart(self) -> None:
+        content: list[bytes] = []
+        self.place.proposals.save(content.append)
+        if not content:
+            return
+        now = self.now
+        self.place = Place(self.building, content[0], now=now)
+        self.model = {
+            spot: (robots, now, now, state) for spot, (robots, _, _, state) in self.model.items() if state != "new"
+        }
+
+    def edit(self, building: Building) -> None:
+        self.building, self.version = building, self.version + 1
+        self.place.proposals.follow(building, self.version)
+        for spot in self.mapped() & self.model.keys():
+            del self.model[spot]
+
+    @property
+    def now(self) -> float:
+        return self.place.clock.now
+
+    def mapped(self) -> set[int]:
+        places = [each.at for each in self.building.floors["L1"].geometrical.objects.values()]
+        return {spot for spot, at in SPOTS.items() if any(math.dist(at, place) < 0.1 for place in places)}
+
+    def open(self) -> list[int]:
+        return sorted(spot for spot, (*_, state) in self.model.items() if state == "open")
+
+    def name(self, spot: int) -> str:
+        found = self.place.proposals.open()
+        return next(each.name for each in found if math.dist(each.element.at, SPOTS[spot]) < 0.1)
+
+    @invariant()
+    def the_open_ones_are_those_of_the_model(self) -> None:
+        found = {each.element.at[0]: each for each in self.place.proposals.open()}
+        assert sorted(found) == pytest.approx([SPOTS[spot][0] for spot in self.open()])
+        for spot, proposal in zip(self.open(), (found[x] for x in sorted(found)), strict=True):
+            robots, _, last, _ = self.model[spot]
+            assert set(proposal.seen_by) == robots
+            assert proposal.unseen_s == pytest.approx(self.now - last)
+
+    @invariant()
+    def paths_are_planned_around_the_map_and_the_open_ones(self) -> None:
+        drawn = dict(self.building.floors["L1"].geometrical.objects)
+        proposed = {each.name: each.element for each in self.place.proposals.open()}
+        assert not drawn.keys() & proposed.keys()
+        assert self.place.objects() == {**drawn, **proposed}
+
+
+ProposalMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+TestProposals = ProposalMachine.TestCase

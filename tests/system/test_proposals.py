@@ -1,0 +1,175 @@
+"""What robots of two sub-networks see and no map has: correlated, proposed, planned around, drawn or rejected."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+import msgspec
+import pytest
+from shapely import LineString, Polygon
+
+from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.maps import UnknownElement
+from robocorba.events.corba.event_client import EventClient
+from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
+from robocorba.map_editor.model import ElementKind, MapObject
+from robocorba.map_editor.proposals import Proposal
+from robocorba.map_editor.samples import sample_path
+from robocorba.map_editor.sightings import SeenObstacle
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.orb.orb import Orb
+from robocorba.planning.corba.remote_planner import RemotePlanner
+from robocorba.planning.request import PathRequest, Place
+from robocorba.robot.sightings import INTERVAL_S, SightingReport
+from robocorba.stubs import RoboCorba__POA
+from robocorba.system.names import ROBOTS, SIGHTING_EVENT
+from robocorba.system.repeating import Repeating
+from testkit.processes import Launcher, Running, eventually, read_json
+
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+
+#: Half the side of a chair [m], and where it stands: on the way from place-B to the destination.
+HALF_M, CHAIR = 0.25, (6.0, 2.2)
+START, GOAL = Place("L1", 5.2, 1.2), Place("L1", 6.7, 3.1)
+LIMIT_S = 60.0
+
+
+def side(at: XY, *corners: tuple[int, int]) -> SeenObstacle:
+    """What a robot sees of a chair: these corners."""
+    outline = tuple((at[0] + HALF_M * x, at[1] + HALF_M * y) for x, y in corners)
+    return SeenObstacle(1, "L1", *at, outline, 0.8)
+
+
+def from_west(at: XY) -> SeenObstacle:
+    return side(at, (-1, -1), (-1, 1), (1, 1))
+
+
+def from_east(at: XY) -> SeenObstacle:
+    return side(at, (1, 1), (1, -1), (-1, -1))
+
+
+class Watchers:
+    """Robots A and C, which publish what they see, each at the channel of its sub-network."""
+
+    def __init__(self, orb: Orb, stack: contextlib.ExitStack) -> None:
+        self._orb, self._stack = orb, stack
+        orb.serve({f"{ROBOTS}/{name}": RoboCorba__POA.RobotAgent() for name in "AC"})
+        self.sights: dict[str, list[SeenObstacle]] = {}
+
+    def start(self, name: str, channel: str) -> None:
+        client = self._stack.enter_context(EventClient(self._orb, channel, name))
+        sights = self.sights[name] = []
+        report = SightingReport(
+            lambda: sights,
+            lambda event: client.push(SIGHTING_EVENT, msgspec.to_builtins(event), expiry_s=10.0, retry_s=0.0),
+        )
+        self._stack.callback(Repeating(name, report.update, INTERVAL_S).start().close)
+
+
+@pytest.fixture
+def watchers(client: Orb) -> Iterator[Watchers]:
+    with contextlib.ExitStack() as stack:
+        yield Watchers(client, stack)
+
+
+def test_what_two_robots_see_is_proposed_planned_around_and_accepted(
+    robocorba_up: Callable[..., Running], client: Orb, watchers: Watchers
+) -> None:
+    running = robocorba_up("--building", str(sample_path("paper-scene"))).wait_ready()
+    editor, planner = RemoteMapEditor(client), RemotePlanner(client)
+
+    def path() -> list[XY]:
+        found = planner.paths(PathRequest(START, GOAL))[0]
+        return [(point.x, point.y) for point in found.points]
+
+    def clearance_m(at: XY) -> float:
+        outline = Polygon([(at[0] + HALF_M * x, at[1] + HALF_M * y) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+        return LineString(path()).distance(outline)
+
+    def proposals() -> Sequence[Proposal]:
+        with contextlib.suppress(RoboCorbaError):  # while the map editor is started again
+            return editor.proposals()
+        return ()
+
+    straight = path()
+    assert clearance_m(CHAIR) < 0.4
+    watchers.start("A", "lab")
+    watchers.sights["A"].append(from_west(CHAIR))
+    time_alone = time.monotonic()
+    watchers.start("C", "hall")
+    eventually(lambda: time.monotonic() - time_alone > 5.0, what="A sees it alone for a while")
+    assert proposals() == []
+    watchers.sights["C"].append(from_east(CHAIR))
+    eventually(lambda: len(proposals()) == 1, LIMIT_S, "the proposal")
+    (proposal,) = proposals()
+    assert (proposal.floor, proposal.seen_by) == ("L1", ("A", "C"))
+    assert proposal.certainty == pytest.approx(0.96)
+    assert proposal.element.at == pytest.approx(CHAIR, abs=0.05)
+    assert clearance_m(CHAIR) >= 0.4
+    assert editor.elements(ElementKind.OBJECT, "L1")[-1][0].name != proposal.name  # on no map yet
+
+    # A second one, which a person rejects; the first one is accepted after a kill of the map editor.
+    watchers.sights["A"].append(msgspec.structs.replace(from_west((3.0, 5.5)), number=2))
+    watchers.sights["C"].append(msgspec.structs.replace(from_east((3.0, 5.5)), number=2))
+    eventually(lambda: len(proposals()) == 2, LIMIT_S, "the second proposal")
+    second = next(each.name for each in proposals() if each.name != proposal.name)
+    editor.reject_proposal(second)
+    with pytest.raises(UnknownElement):
+        editor.reject_proposal(second)
+    watchers.sights["A"].clear()
+    watchers.sights["C"].clear()
+    before = running.pid("map_editor")
+    eventually(lambda: is_stored(running, second), LIMIT_S, "the rejection is stored")
+    os.kill(before, signal.SIGKILL)
+    eventually(lambda: running.pid("map_editor") not in (0, before), LIMIT_S, "started again")
+    eventually(lambda: [each.name for each in proposals()] == [proposal.name], LIMIT_S, "the proposal again")
+    assert clearance_m(CHAIR) >= 0.4
+    session = editor.open_session("Ada")
+    version = session.accept_proposal(proposal.name)
+    element, changed_at = editor.read(ElementKind.OBJECT, "L1", proposal.name)
+    assert isinstance(element, MapObject) and changed_at == version
+    assert element.at == pytest.approx(CHAIR, abs=0.05)
+    assert [edit.author for edit in editor.edits_since(version - 1)] == ["Ada"]
+    assert proposals() == []
+    assert clearance_m(CHAIR) >= 0.4
+    session.undo()
+    eventually(lambda: path() == straight, LIMIT_S, "the path as before")
+    assert running.stop() == 0
+
+
+def is_stored(running: Running, name: str) -> bool:
+    """Whether the map's file says that a proposal was rejected."""
+    return any(f'"name":"{name}"'.encode() in file.read_bytes() for file in running.state.glob("map.sqlite*"))
+
+
+def test_a_rule_accepts_what_two_robots_see_for_a_while(
+    robocorba_up: Callable[..., Running], client: Orb, watchers: Watchers
+) -> None:
+    running = robocorba_up("--building", str(sample_path("paper-scene")), "--accept", "2,3").wait_ready()
+    for name, channel, seen in (("A", "lab", from_west(CHAIR)), ("C", "hall", from_east(CHAIR))):
+        watchers.start(name, channel)
+        watchers.sights[name].append(seen)
+    editor = RemoteMapEditor(client)
+    eventually(lambda: len(editor.edits_since(1)) == 1, LIMIT_S, "the edit")
+    (edit,) = editor.edits_since(1)
+    assert (edit.author, edit.summary) == ("rule: 2 robots", "object seen 1 on L1 created")
+    assert editor.proposals() == []
+    assert running.stop() == 0
+
+
+def test_the_demo_of_perception_finds_the_chair(launch: Launcher) -> None:
+    """In time, where the machine is not busy: its exit code says that, too."""
+    demo = launch(sys.executable, "-m", "robocorba.clients.perception_demo", "found")
+    printed, _ = demo.communicate(timeout=600)
+    assert "path from A's lookout to C's: 2.8" in printed and "accepted: seen 1" in printed, printed
+    found = read_json((launch.folder / "found" / "perception.json").read_text())
+    assert set(found["seen_s"]) == {"A", "B", "C"}
+    assert found["off_m"] <= 0.05 and found["certainty"] > 0.9
+    assert demo.returncode == (found["after_s"] > 10.0)
+    for picture in ("proposed.png", "accepted.png"):
+        assert (launch.folder / "found" / picture).stat().st_size > 10_000
