@@ -21,6 +21,7 @@ from robocorba.map_editor.spatial.pose import XY
 from robocorba.robot.agent_state import AgentCondition, ProgramResult
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
+from robocorba.stubs import RoboCorba
 from testkit.heartbeats import heartbeats
 from testkit.missions import FLOOR, MissionSystem, RobotStart, missions
 from testkit.report import at_least, at_most, distribution, summarize
@@ -64,6 +65,12 @@ def drive(place: MissionSystem, seconds: float, choice: random.Random) -> dict[s
     return ends
 
 
+def contacts_of(place: MissionSystem, name: str) -> int:
+    """By its bumper, since it logged on."""
+    agent = place.orb.resolve(f"Robots/{name}", RoboCorba.RobotAgent)
+    return int(sum(each.value for each in agent._get_sensors().readings() if each.name == "bumper"))
+
+
 def main(robots: int = 6, things: int = 20, minutes: float = 30.0) -> bool:
     choice = random.Random(1)
     with folder_of_bench() as folder, missions(folder, hall()) as place:
@@ -82,22 +89,17 @@ def main(robots: int = 6, things: int = 20, minutes: float = 30.0) -> bool:
             before = {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
             ends = drive(place, 60.0 * minutes, choice)
             took_s = {name: sum(process.cpu_times()[:2]) - before[name] for name, process in processes.items()}
-            contacts = place.server._get_state().collisions
+            contacts = {name: contacts_of(place, name) for name in place.robots}
     busy = {name: took_s[name] / (60.0 * minutes) * 100 for name in took_s}
     rows = [
-        {
-            "robot": name,
-            "arrived": ends[name].count(""),
-            "failed": len(list(filter(None, ends[name]))),
-            "CPU, %": busy[name],
-        }
+        {"robot": name, "arrived": ends[name].count(""), "contacts": contacts[name], "CPU, %": busy[name]}
         for name in busy
     ]
     drives = [end for name in seeing for end in ends[name]]
     print(*filter(None, drives), sep="\n")
     cost = statistics.median(busy[name] for name in seeing) - statistics.median(busy[name] for name in others)
     marks = [
-        at_most("contacts", contacts, 0),
+        at_most("contacts of robots that see", sum(contacts[name] for name in seeing), 0),
         at_least("share of drives that arrive", drives.count("") / max(1, len(drives)), MIN_ARRIVED),
         at_most("cost of a robot, % of a core", cost, MAX_COST_PERCENT),
     ]
