@@ -99,7 +99,8 @@ class ScanFeed(Feed):
             seen.add(of)
             self.newest_s = max(self.newest_s, scan.time)
             known = self._sensors.get(of)
-            if known is None or known.time != scan.time:
+            # An actual robot goes on while simulated time is paused.
+            if known is None or known.time != scan.time or not scan.is_virtual:
                 # The first time there may be scans of sensors that were switched off long ago.
                 age_s = max(0.0, time_s - scan.time) if not self.is_known else 0.0
                 key = known.key if known else self._new_key(scan)
@@ -138,6 +139,9 @@ def _kind(scan: RobotScan) -> str:
 def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
     """A scan as static/live.js documents it."""
     at, (ahead_m, left_m, heading) = scan.at, scan.mount
+    hits = scan.hits.astype(int)
+    if len(scan.unmapped):
+        hits += scan.unmapped
     return {
         "key": key,
         "robot": scan.robot,
@@ -149,5 +153,6 @@ def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
         "range": scan.range_m,
         "rim": scan.rim_m,
         "ranges": (scan.distances + scan.rim_m).round(3).tolist(),
-        "hits": scan.hits.astype(int).tolist(),
+        "hits": hits.tolist(),
+        "virtual": scan.is_virtual,
     }

@@ -24,7 +24,8 @@ READ_WINDOW_S = 3.0
 class RobotScan(NamedTuple):
     """A scan of a sensor on a robot. time: simulated [s]. at: pose of the robot. mount: of the sensor in the robot's
     frame: ahead, left [m], heading [rad]. Ray k begins `rim_m` from the sensor and has the length distances[k] [m],
-    at most range_m; hits[k] is whether it hit something. noise: sigma [m], relative, lost and seed."""
+    at most range_m; hits[k] is whether it hit something. noise: sigma [m], relative, lost and seed. is_virtual: the
+    sensor is virtual, not an actual robot's. unmapped: (rays,) whether ray k hit what no map has; empty: unknown."""
 
     robot: str
     time: float
@@ -37,6 +38,8 @@ class RobotScan(NamedTuple):
     noise: tuple[float, float, float, int]
     distances: Floats
     hits: NDArray[np.bool_]
+    is_virtual: bool = True
+    unmapped: NDArray[np.bool_] = np.zeros(0, bool)
 
     @property
     def sensor(self) -> tuple[object, ...]:

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -88,8 +88,16 @@ def test_scans_of_a_fan() -> None:
         "pose": {"x": 1.0, "y": 2.0, "heading": 0.0},
         "mount": {"ahead": 0.0, "left": 0.0, "heading": 0.0},
         "angles": {"first": -0.1, "step": 0.1, "count": 3},
-        **{"range": 2.0, "rim": 0.4, "ranges": [0.9, 2.4, pytest.approx(1.635)], "hits": [1, 0, 1]},
+        **{"range": 2.0, "rim": 0.4, "ranges": [0.9, 2.4, pytest.approx(1.635)], "hits": [1, 0, 1], "virtual": True},
     }
+    own = seen._replace(time=1.1, is_virtual=False, unmapped=np.array([False, False, True]))
+    feed.receive([own], False, 1.1, 50.1)
+    (text,) = feed.since(NOTHING).entries.values()
+    assert (json.loads(text)["hits"], json.loads(text)["virtual"]) == ([1, 0, 2], False)
+    nearer = own._replace(distances=own.distances / 2)
+    feed.receive([nearer], False, 1.1, 50.2)  # simulated time is paused, the robot goes on
+    (text,) = feed.since(NOTHING).entries.values()
+    assert json.loads(text)["ranges"][0] == 0.65
     other = Fan(0.0, 0.1, 3, 2.0)
     found = [
         *(of_fan("A", LASER), of_fan("A", PROXIMITY), of_fan("A", LASER, ahead=0.2), of_fan("A", other)),
@@ -139,9 +147,11 @@ class Console:
         self.angles = {"L1": [Posture("A", 1.0, (0.5,))], "L2": [Posture("B", 1.0, (0.7,))]}
         self.reserved = [ReservedAreas("A", (("L1", SQUARE),), Reservation(True, 0, 0.0, 9.96))]
         self.is_away, self.calls, self.notified = False, list[tuple[Any, ...]](), list[int]()
+        self.asked = list[list[str]]()
         self.clock = Clock()
         monkeypatch.setattr(live_sensors.time, "monotonic", self.clock)
-        self.sensors = LiveSensors(self, lambda floor: 1.0, lambda: self.notified.append(1))
+        self.sensed = list[RobotScan]()
+        self.sensors = LiveSensors(self, lambda floor: 1.0, self.ask_robots, lambda: self.notified.append(1))
 
     @property
     def news(self) -> int:
@@ -164,6 +174,10 @@ class Console:
     def scans_since(self, floor: str, time_s: float) -> list[RobotScan]:
         self._count("scans", floor, time_s)
         return [scan for scan in self.scans if scan.time > time_s and scan.at.floor == floor]
+
+    def ask_robots(self, floors: Collection[str]) -> list[RobotScan]:
+        self.asked.append(list(floors))
+        return self.sensed
 
     def postures(self, floor: str, time_s: float) -> list[Posture]:
         self._count("postures", floor, time_s)
@@ -190,6 +204,7 @@ def test_nothing_is_read_for_nobody(console: Console) -> None:
     assert console.follow() == [("reservations",)]
     console.sensors.want("another", ())
     assert console.follow(10.0) == []
+    assert console.asked == [["L1"]] * 2
     assert console.sensors.message(("scans", "L1"), NOTHING) == (NOTHING, "")
 
 
@@ -218,6 +233,22 @@ def test_scans_go_to_viewers_as_messages(console: Console) -> None:
     console.follow(live_sensors.WHOLE_S)
     version, text = console.sensors.message(("scans", "L1"), version)
     assert json.loads(text)["scans"] == {"floor": "L1", "whole": False, "gone": ["A/laser"], "scans": []}
+
+
+def test_what_sensors_see_now_goes_before_what_programs_saw(console: Console) -> None:
+    """A sensor of both has one scan, the last one; the programs' other sensors are shown beside."""
+    console.scans = [of_fan("A", LASER, 1.0), of_fan("A", LASER, 1.0, ahead=0.2)]
+    console.sensed = [of_fan("A", LASER, 1.05), of_fan("A", PROXIMITY, 1.05), of_fan("B", LASER, 1.05, floor="L2")]
+    console.sensors.want("viewer", scans_of("L1"))
+    for seconds in (0.1, live_sensors.WHOLE_S, 0.1):
+        console.follow(seconds)
+        _, text = console.sensors.message(("scans", "L1"), NOTHING)
+        times = {scan["key"]: scan["time"] for scan in json.loads(text)["scans"]["scans"]}
+        assert times == {"A/laser": 1.05, "A/laser 2": 1.0, "A/proximity": 1.05}
+    console.sensed = []
+    console.follow(live_sensors.WHOLE_S)
+    _, text = console.sensors.message(("scans", "L1"), NOTHING)
+    assert {scan["key"] for scan in json.loads(text)["scans"]["scans"]} == {"A/laser", "A/laser 2"}
 
 
 def test_postures_go_to_viewers_as_messages(console: Console) -> None:

@@ -9,10 +9,10 @@
 //   {"scans": {"floor": "L1", "whole": true, "scans": [scan, ...], "gone": [key, ...]}}
 //     a scan: {"key": "R1/laser", "robot": "R1", "sensor": "laser", "time": 12.3, "pose": {"x", "y", "heading"},
 //     "mount": {"ahead", "left", "heading"}, "angles": {"first", "step", "count"}, "range": 8, "rim": 0,
-//     "ranges": [...], "hits": [0, 1, ...]}. `pose` is the robot's, `mount` that of the sensor in the robot's frame;
-//     ray k points to the mount's heading + first + k * step; `ranges` are its lengths from the sensor's middle, where
-//     hits[k] is 0 to the end of its reach; rays begin at `rim`. `sensor` is "laser", "proximity", or "sensor 1" and so
-//     on for others.
+//     "ranges": [...], "hits": [0, 1, 2, ...], "virtual": true}. `pose` is the robot's, `mount` that of the sensor in
+//     the robot's frame; ray k points to the mount's heading + first + k * step; `ranges` are its lengths from the
+//     sensor's middle, where hits[k] is 0 to the end of its reach, 2 to what no map has; rays begin at `rim`. `sensor`
+//     is "laser", "proximity", or "sensor 1" and so on for others. `virtual` is false for an actual robot's own sensor.
 //   {"postures": {"floor": "L1", "whole": true, "robots": {"R1": [joints]}, "gone": ["R2"]}}
 //   {"reservations": [{"robot": "R1", "phase": "granted" or "waiting", "ahead": 0, "left": 12.0,
 //     "areas": [{"floor": "L1", "polygon": [[x, y], ...]}]}]}
