@@ -89,8 +89,9 @@ class LiveScans:
         #: Robots whose own sensors are being asked; None for the virtual ones of all.
         self._asked: set[str | None] = set()
 
-    def read(self, robots: Sequence[SensedRobot]) -> list[RobotScan]:
-        """The latest scan of each sensor of these robots. Asks their sensors, and waits ANSWER_LIMIT_S at most."""
+    def read(self, robots: Sequence[SensedRobot], limit_s: float | None = None) -> list[RobotScan]:
+        """The latest scan of each sensor of these robots. Asks their sensors, and waits limit_s [s] at most, by default
+        ANSWER_LIMIT_S."""
         now = self._clock()
         with self._answered:
             self._sensed = {robot.name: self._sensed.get(robot.name) or _Sensed() for robot in robots}
@@ -106,7 +107,7 @@ class LiveScans:
                 self._workers.submit(self._ask, robot, of)
             if virtual:
                 self._workers.submit(self._scan, virtual)
-            self._answered.wait_for(lambda: not asked & self._asked, ANSWER_LIMIT_S)
+            self._answered.wait_for(lambda: not asked & self._asked, ANSWER_LIMIT_S if limit_s is None else limit_s)
             return [scan for of in self._sensed.values() for scan in of.scans]
 
     def close(self) -> None:
@@ -194,13 +195,17 @@ def unmapped(scan: RobotScan, around: Floats) -> NDArray[np.bool_]:
     return np.asarray(scan.hits & (lengths < nearest - tolerance_m))
 
 
-def nearest_m(scans: Iterable[RobotScan], radius_m: float) -> float | None:
+def nearest(scans: Iterable[RobotScan], radius_m: float) -> tuple[float, str] | None:
     """The least distance [m] from the rim of a robot to what its sensors see, where they see nothing to the end of
-    their reach; None without scans."""
+    their reach; and seen by what: a `virtual` sensor, an `actual` one, or by that `in no map`. None without scans."""
     found = []
     for scan in scans:
         ahead, left, heading = scan.mount
         angles = heading + scan.first_rad + scan.step_rad * np.arange(len(scan.distances))
         lengths = scan.distances + scan.rim_m
-        found.append(np.hypot(ahead + lengths * np.cos(angles), left + lengths * np.sin(angles)).min())
-    return max(0.0, float(min(found)) - radius_m) if found else None
+        away = np.hypot(ahead + lengths * np.cos(angles), left + lengths * np.sin(angles))
+        ray = int(away.argmin())
+        is_strange = len(scan.unmapped) and scan.unmapped[ray]
+        kind = "virtual" if scan.is_virtual else "in no map" if is_strange else "actual"
+        found.append((max(0.0, float(away[ray]) - radius_m), kind))
+    return min(found, default=None)

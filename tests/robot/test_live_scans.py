@@ -27,7 +27,7 @@ from robocorba.robot.live_scans import (
     ROBOTS_AT_ONCE,
     LiveScans,
     SensedRobot,
-    nearest_m,
+    nearest,
     robots_on,
     unmapped,
 )
@@ -276,12 +276,16 @@ def test_a_ray_is_marked_where_it_ends_before_all_that_is_known(
 
 def test_scans_say_what_is_nearest_from_the_rim() -> None:
     laser = scan("A", distances=np.array([8.0, 8.0, 1.0, 8.0, 8.0]))
-    assert nearest_m([laser], 0.4) == pytest.approx(0.6)
-    assert nearest_m([laser._replace(mount=(0.2, 0.0, 0.0))], 0.4) == pytest.approx(0.8)
-    ring = scan("A", rim_m=0.4, range_m=1.0, distances=np.full(5, 0.7))
-    assert nearest_m([laser, ring], 0.4) == pytest.approx(0.6)
-    assert nearest_m([laser._replace(distances=np.zeros(5))], 0.4) == 0.0
-    assert nearest_m([], 0.4) is None
+    assert nearest([laser], 0.4) == (pytest.approx(0.6), "virtual")
+    assert nearest([laser._replace(mount=(0.2, 0.0, 0.0))], 0.4) == (pytest.approx(0.8), "virtual")
+    ring = scan("A", rim_m=0.4, range_m=1.0, distances=np.full(5, 0.7), is_virtual=False)
+    assert nearest([laser, ring], 0.4) == (pytest.approx(0.6), "virtual")
+    assert nearest([laser, ring], 0.6) == (pytest.approx(0.4), "virtual")
+    for strange, kind in ((2, "in no map"), (1, "actual")):
+        own = laser._replace(is_virtual=False, unmapped=np.arange(5) == strange)
+        assert nearest([own, ring], 0.4) == (pytest.approx(0.6), kind)
+    assert nearest([laser._replace(distances=np.zeros(5))], 0.4) == (0.0, "virtual")
+    assert nearest([], 0.4) is None
 
 
 def test_robots_of_a_floor() -> None:

@@ -17,8 +17,6 @@ from robocorba.simulation.sensing.scan import LASER, Mount, ScanResult, ScanSpec
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import SENSORS
 
-_LASER, _CENTRE = ScanSpec(LASER), Mount()
-
 
 class RemoteLasers:
     """Asks one server as long as it answers, then the next one. Thread-safe."""
@@ -29,7 +27,11 @@ class RemoteLasers:
         self._sensor: RemoteObject | None = None
 
     def scans(
-        self, robots: Sequence[tuple[str, Pose]], time_s: float, spec: ScanSpec = _LASER, mount: Mount = _CENTRE
+        self,
+        robots: Sequence[tuple[str, Pose]],
+        time_s: float,
+        spec: ScanSpec = ScanSpec(LASER),  # noqa: B008
+        mount: Mount = Mount(),  # noqa: B008
     ) -> list[RobotScan]:
         """A scan for each robot from its pose at a simulated time [s], by default by the laser range finder of robots'
         programs, at its centre; it does not see itself.
