@@ -89,16 +89,25 @@ class LiveScans:
         #: Robots whose own sensors are being asked; None for the virtual ones of all.
         self._asked: set[str | None] = set()
 
-    def read(self, robots: Sequence[SensedRobot], limit_s: float | None = None) -> list[RobotScan]:
+    @property
+    def actual(self) -> frozenset[str]:
+        """The robots that were read last whose sensors are known to be their own."""
+        with self._answered:
+            return frozenset(name for name, of in self._sensed.items() if of.is_virtual is False)
+
+    def read(
+        self, robots: Sequence[SensedRobot], limit_s: float | None = None, with_virtual: bool = True
+    ) -> list[RobotScan]:
         """The latest scan of each sensor of these robots. Asks their sensors, and waits limit_s [s] at most, by default
-        ANSWER_LIMIT_S."""
+        ANSWER_LIMIT_S. with_virtual: also those of virtual sensors."""
         now = self._clock()
         with self._answered:
             self._sensed = {robot.name: self._sensed.get(robot.name) or _Sensed() for robot in robots}
             turns = sorted(((robot, self._sensed[robot.name]) for robot in robots), key=lambda turn: turn[1].scanned_at)
             due = [(robot, of) for robot, of in turns if robot.name not in self._asked and now >= of.own_at]
             due = due[: max(0, ROBOTS_AT_ONCE - len(self._asked))]
-            virtual = [] if None in self._asked else [turn for turn in turns if turn[1].is_virtual][:ROBOTS_AT_ONCE]
+            may_scan = with_virtual and None not in self._asked
+            virtual = [turn for turn in turns if may_scan and turn[1].is_virtual][:ROBOTS_AT_ONCE]
             for _, of in (*virtual, *((robot, of) for robot, of in due if not of.is_virtual)):
                 of.scanned_at = now
             asked: set[str | None] = {robot.name for robot, _ in due} | ({None} if virtual else set())

@@ -67,20 +67,19 @@ class _Robot:
 
     def scans(self) -> list[RobotScan] | None:
         """The latest scan of each sensor, from where the robot was at that time by its own account; none without
-        sensors, None for a robot with virtual ones. Raises NotReachable, RobotLost, AdaptorFailed."""
+        sensors that work, None for a robot with virtual ones. Raises NotReachable."""
         state = robot_states.agent_state_of(self._agent.call(lambda agent: agent._get_state()))
         if state.adaptor == VIRTUAL:
             return None
-        if state.adaptor != self._adaptor or time.monotonic() >= self._known_until:
-            self._senses = self._find_senses()
-            self._adaptor, self._known_until = state.adaptor, time.monotonic() + AGAIN_S
-        if self._senses is None:
-            return []
         try:
-            return [_scan(state, self._senses, sensor) for sensor in self._senses.sensors[:MAX_SENSORS]]
+            if state.adaptor != self._adaptor or time.monotonic() >= self._known_until:
+                self._senses = self._find_senses()
+                self._adaptor, self._known_until = state.adaptor, time.monotonic() + AGAIN_S
+            sensors = self._senses.sensors if self._senses else ()
+            return [_scan(state, self._senses, sensor) for sensor in sensors[:MAX_SENSORS] if self._senses]
         except RoboCorbaError:
             self._known_until = 0.0
-            raise
+            return []
 
     def _find_senses(self) -> RemoteSenses | None:
         try:
