@@ -32,13 +32,13 @@ class LiveSensors(Following):
     """Reads what viewers want; nothing if nobody wants anything. Thread-safe.
 
     time_of: returns the simulated time of a floor [s]; may raise UnknownFloor. sensed: asks the sensors of all robots
-    on floors for their scans."""
+    on floors for their scans, of some robots first."""
 
     def __init__(
         self,
         source: RemoteDatabase,
         time_of: Callable[[str], float],
-        sensed: Callable[[Collection[str]], list[RobotScan]],
+        sensed: Callable[[Collection[str], Collection[str]], list[RobotScan]],
         changed: Callable[[], None],
     ) -> None:
         super().__init__("console sensors", self._pause_s, changed)
@@ -48,16 +48,20 @@ class LiveSensors(Following):
         self._scans: list[RobotScan] = []
         self._lock = threading.Lock()
         self._wanted: dict[object, tuple[Topic, ...]] = {}
+        #: The robots at which viewers look.
+        self._first: dict[object, tuple[str, ...]] = {}
         #: The topics that somebody wants.
         self._feeds: dict[Topic, Feed] = {}
         self._read = {"scans": self._read_scans, "postures": self._read_postures, "reservations": self._read_areas}
 
-    def want(self, viewer: object, topics: Collection[Topic]) -> None:
-        """What a viewer wants from now on; nothing: it may have left."""
+    def want(self, viewer: object, topics: Collection[Topic], first: Collection[str] = ()) -> None:
+        """What a viewer wants from now on; nothing: it may have left. first: robots whose scans it wants before
+        those of others."""
         with self._lock:
             self._wanted.pop(viewer, None)
+            self._first.pop(viewer, None)
             if topics:
-                self._wanted[viewer] = tuple(topics)
+                self._wanted[viewer], self._first[viewer] = tuple(topics), tuple(first)
             wanted = [topic for each in self._wanted.values() for topic in each]
             former, self._feeds = self._feeds, {}
             for topic in wanted:
@@ -89,8 +93,9 @@ class LiveSensors(Following):
         has_changed = False
         with self._lock:
             feeds = dict(self._feeds)
+            first = {robot for robots in self._first.values() for robot in robots}
         floors = [floor for kind, floor in feeds if kind == "scans"]
-        self._scans = self._sensed(floors) if floors else []
+        self._scans = self._sensed(floors, first) if floors else []
         for (kind, floor), feed in feeds.items():
             before = feed.version if feed.is_known else None
             self._read[kind](floor, feed, now_s)

@@ -77,7 +77,7 @@ class Console:
         self.sensors = LiveSensors(
             database,
             lambda floor: self.floors.floor(floor).time,
-            lambda floors: self.scans.read(self.floors.robots(floors)),
+            lambda floors, first: self.scans.read(self.floors.robots(floors), first=first),
             self.viewers.notify,
         )
         self.missions = LiveMissions(RemoteMissionControl(orb, RESOLVE_TIMEOUT_S), self.viewers.notify)

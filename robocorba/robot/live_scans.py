@@ -6,7 +6,7 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -24,6 +24,8 @@ from robocorba.system.background import Workers
 
 #: Robots asked at a time, and by one reading; more take turns. 16 cost a viewer 5 % of a core.
 ROBOTS_AT_ONCE = 16
+#: By how much a robot at which somebody looks goes before others [s].
+FIRST_S = 5.0
 #: How long a reader waits for the answers of its round [s]: those that come later are there for the next one.
 ANSWER_LIMIT_S = 0.05
 #: Interval between questions to a robot whether its sensors are virtual, and after a failure [s].
@@ -96,14 +98,22 @@ class LiveScans:
             return frozenset(name for name, of in self._sensed.items() if of.is_virtual is False)
 
     def read(
-        self, robots: Sequence[SensedRobot], limit_s: float | None = None, with_virtual: bool = True
+        self,
+        robots: Sequence[SensedRobot],
+        limit_s: float | None = None,
+        with_virtual: bool = True,
+        first: Collection[str] = (),
     ) -> list[RobotScan]:
         """The latest scan of each sensor of these robots. Asks their sensors, and waits limit_s [s] at most, by default
-        ANSWER_LIMIT_S. with_virtual: also those of virtual sensors."""
+        ANSWER_LIMIT_S. with_virtual: also those of virtual sensors. first: robots that go before others whose turn is
+        at most FIRST_S earlier."""
         now = self._clock()
         with self._answered:
             self._sensed = {robot.name: self._sensed.get(robot.name) or _Sensed() for robot in robots}
-            turns = sorted(((robot, self._sensed[robot.name]) for robot in robots), key=lambda turn: turn[1].scanned_at)
+            turns = sorted(
+                ((robot, self._sensed[robot.name]) for robot in robots),
+                key=lambda turn: turn[1].scanned_at - FIRST_S * (turn[0].name in first),
+            )
             due = [(robot, of) for robot, of in turns if robot.name not in self._asked and now >= of.own_at]
             due = due[: max(0, ROBOTS_AT_ONCE - len(self._asked))]
             may_scan = with_virtual and None not in self._asked

@@ -147,7 +147,7 @@ class Console:
         self.angles = {"L1": [Posture("A", 1.0, (0.5,))], "L2": [Posture("B", 1.0, (0.7,))]}
         self.reserved = [ReservedAreas("A", (("L1", SQUARE),), Reservation(True, 0, 0.0, 9.96))]
         self.is_away, self.calls, self.notified = False, list[tuple[Any, ...]](), list[int]()
-        self.asked = list[list[str]]()
+        self.asked = list[tuple[list[str], list[str]]]()
         self.clock = Clock()
         monkeypatch.setattr(live_sensors.time, "monotonic", self.clock)
         self.sensed = list[RobotScan]()
@@ -175,8 +175,8 @@ class Console:
         self._count("scans", floor, time_s)
         return [scan for scan in self.scans if scan.time > time_s and scan.at.floor == floor]
 
-    def ask_robots(self, floors: Collection[str]) -> list[RobotScan]:
-        self.asked.append(list(floors))
+    def ask_robots(self, floors: Collection[str], first: Collection[str]) -> list[RobotScan]:
+        self.asked.append((list(floors), sorted(first)))
         return self.sensed
 
     def postures(self, floor: str, time_s: float) -> list[Posture]:
@@ -195,16 +195,16 @@ def console(monkeypatch: pytest.MonkeyPatch) -> Console:
 
 def test_nothing_is_read_for_nobody(console: Console) -> None:
     assert console.follow() == []
-    console.sensors.want("viewer", [*scans_of("L1"), *postures_of("L2")])
+    console.sensors.want("viewer", [*scans_of("L1"), *postures_of("L2")], ["A"])
     assert console.follow() == [("scans", "L1", -1.0), ("postures", "L2", -1.0)]
-    console.sensors.want("another", scans_of("L1"))
+    console.sensors.want("another", scans_of("L1"), ["B"])
     console.sensors.want("viewer", ())
     assert [call[:2] for call in console.follow()] == [("scans", "L1")]
     console.sensors.want("another", [AREAS])
     assert console.follow() == [("reservations",)]
     console.sensors.want("another", ())
     assert console.follow(10.0) == []
-    assert console.asked == [["L1"]] * 2
+    assert console.asked == [(["L1"], ["A"]), (["L1"], ["B"])]
     assert console.sensors.message(("scans", "L1"), NOTHING) == (NOTHING, "")
 
 
@@ -421,6 +421,7 @@ class Wants:
 
     def __init__(self) -> None:
         self.watched, self.wanted, self.wants_missions = list[list[str]](), list[Any](), list[bool]()
+        self.first = list[list[str]]()
         self.missions = SimpleNamespace(problem="", want=self._want_missions, message=self._missions)
 
     def watch(self, viewer: object, floors: Any) -> None:
@@ -432,8 +433,9 @@ class Wants:
     def frame_since(self, version: int) -> tuple[int, bytes]:
         return 1, b"" if version else b"frame"
 
-    def want(self, viewer: object, wanted: Any) -> None:
+    def want(self, viewer: object, wanted: Any, first: Any = ()) -> None:
         self.wanted.append(wanted)
+        self.first.append(list(first))
 
     def message(self, topic: Topic, version: int) -> tuple[int, str]:
         kind, floor = topic
@@ -494,17 +496,22 @@ def viewers_of(wants: Any, **more: Any) -> Any:
 
 def test_a_viewer_gets_what_it_wants_unless_it_sends_nonsense() -> None:
     wanted = {"watch": ["L1"], "scans": ["L1", "L2"], "postures": ["L2"], "reservations": True, "missions": True}
+    wanted["robots"] = ["A"]
     got, wants = serve(json.dumps(wanted), is_done=lambda got: {"missions": []} in got)
     texts = [{"scans": "L1"}, {"scans": "L2"}, {"postures": "L2"}, {"reservations": []}, {"missions": []}]
     for message in (b"frame", *texts):
         assert got.count(message) == 1
     assert wants.wants_missions == [True, False]
     assert wants.wanted == [[*scans_of("L1", "L2"), *postures_of("L2"), AREAS], ()]
-    assert wants.watched == [["L1"], []]
-    for others in ({}, {"scans": False}, {"scans": None, "postures": "L1", "reservations": 1, "missions": 1}):
+    assert (wants.watched, wants.first) == ([["L1"], []], [["A"], []])
+    for others in (
+        {},
+        {"scans": False},
+        {"scans": None, "robots": 3, "postures": "L1", "reservations": 1, "missions": 1},
+    ):
         got, wants = serve(json.dumps({"watch": ["L1"], **others}), is_done=lambda got: b"frame" in got)
         assert b"frame" in got
-        assert not wants.wanted[0] and not wants.wants_missions[0]
+        assert not wants.wanted[0] and not wants.wants_missions[0] and not wants.first[0]
     for nonsense in ("no json", "[]", "5", "{}", "null", "[" * 3000, "x" * 5000):
         assert serve(nonsense, is_done=lambda got: False)[1].wanted == [()]
 

@@ -156,6 +156,12 @@ def test_many_robots_take_turns() -> None:
             assert turns == [ROBOTS_AT_ONCE] * 6
             found = place.read()
             assert all(found.values())
+            for _ in range(4):  # those at which somebody looks have each turn
+                asked = place.asked if kind == OWN else place.scanned
+                place.clock.now += 0.1
+                asked.clear()
+                place.scans.read([sensed(name) for name in names], first=names[:3])
+                assert len(asked) == ROBOTS_AT_ONCE and set(names[:3]) < set(asked)
 
 
 def test_one_that_hangs_delays_no_other_and_is_not_asked_again_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:

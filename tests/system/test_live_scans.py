@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import re
 import time
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -19,6 +20,7 @@ from robocorba.robot.corba.adaptor_servant import SensingAdaptorServant
 from robocorba.robot.senses import Ranges
 from robocorba.stubs import RoboCorba
 from testkit.actual_robot import running_stand_in
+from testkit.browser import chromium, headless
 from testkit.buildings import two_floors, with_all
 from testkit.processes import eventually, read_json, running_system
 from testkit.virtual_and_actual import RobotProcess, robot_process
@@ -142,3 +144,25 @@ def test_watch_says_what_is_nearest_and_who_sees_it(place: Place) -> None:
     assert found["V"] == (pytest.approx(1.0 - RADIUS_M, abs=0.01), "virtual")  # the wall at its side
     line = next(line for line in place.virtual.robocorba("watch", "--once").splitlines() if line.startswith("robot\tC"))
     assert "\t0.50\tin no map\t" in line
+
+
+@pytest.mark.skipif(not chromium(), reason="there is no chromium on this machine")
+def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(place: Place) -> None:
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright, which moves the browser, is not installed")
+    sync.expect.set_options(timeout=PATIENCE_S * 1000.0)
+    with headless(chromium() or "") as browser:
+        page, troubles = browser.new_page(), list[str]()
+        page.on("pageerror", lambda error: troubles.append(str(error)))
+        for path, region in (("", "Robot"), ("3d", "Selected robot")):
+            for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
+                page.goto(f"{place.address}{path}?robot={robot}")
+                panel = page.get_by_label(f"Robot {robot}" if region == "Robot" else region, exact=True)
+                sync.expect(panel).to_contain_text(re.compile(fact))
+                legend = page.get_by_label("Rays of sensors")
+                for kind in ("laser", "proximity", "sensor of an actual robot", "virtual sensor", "in no map"):
+                    sync.expect(legend).to_contain_text(kind)
+            if region == "Robot":
+                sync.expect(page.get_by_label("Proximity [m]")).to_have_text(re.compile(r"free.*free.*0\.60"))
+                page.get_by_role("button", name="Lasers and proximity").click()
+                sync.expect(page.get_by_label("Rays of sensors")).to_have_count(0)
+        assert troubles == []

@@ -159,7 +159,7 @@ export default {
       this.note();
       this.updateThen();
       this.updateTable();
-      this.canvas.redraw();
+      this.showLayers();
     },
     isMoving() {
       if (!this.isMoving) this.drag.cancel();
@@ -204,12 +204,12 @@ export default {
       if (location.search) history.replaceState(history.state, "", location.pathname);
     },
     showLayers() {
-      const { current, shown } = this;
+      const { current, selected, shown } = this;
       this.scene.shown = shown;
       this.canvas.isShownRoadmap = shown.roads;
       live.want(this, current
-        ? { floors: [current], scans: shown.scans ? [current] : [], reservations: shown.ways, missions: true }
-          : undefined);
+        ? { floors: [current], scans: shown.scans ? [current] : [], robot: selected, reservations: shown.ways,
+          missions: true } : undefined);
       if (!shown.scans) this.scene.scans = [];
       this.canvas.redraw();
     },

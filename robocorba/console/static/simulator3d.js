@@ -196,7 +196,7 @@ export default {
       const shown = this.shown();
       const floors = this.isPool || !this.past.isLive ? [] : shown;
       const scans = this.hasRays && this.past.isLive ? shown : [];
-      live.want(this, { floors, postures: floors, scans, missions: true });
+      live.want(this, { floors, postures: floors, scans, robot: this.selected, missions: true });
     },
     loadPlans() {
       if (!this.view) return;
@@ -268,6 +268,7 @@ export default {
       this.followed = "";
       if (!this.selected) this.isFollowing = false;
       this.connect();
+      this.want();
       this.updateFacts();
       this.updateRays();
       this.update();
