@@ -32,6 +32,11 @@ export class RayFans {
 
   // scans: as live.scansOn() has them, each with the height `z` of its floor. selected: a robot, or empty.
   set(scans, selected) {
+    // Most robots rest: nothing is drawn anew then.
+    const drawn = scans.map(({ key, pose, ranges, hits, z }) => [key, pose, ranges, hits, z]);
+    const seen = JSON.stringify([selected, drawn]);
+    if (seen === this.seen) return;
+    this.seen = seen;
     const [fan, hit, outline] = [0, 1, 2].map(() => ({ positions: [], colors: [] }));
     const hasArea = hasAreas(scans, selected);
     let rays = 0;
