@@ -16,8 +16,8 @@ from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.reservations import ReservedAreas
 from robocorba.simulation.robot_scans import RobotScan
 
-#: Interval between rounds, and least pause after one [s].
-INTERVAL_S, MIN_PAUSE_S = 0.1, 0.02
+#: Interval between rounds [s].
+INTERVAL_S = 0.1
 #: Interval between requests for reservations [s].
 RESERVATIONS_S = 0.5
 #: Interval at which everything on a floor is read, to notice what has gone [s].
@@ -103,8 +103,8 @@ class LiveSensors(Following):
         return has_changed
 
     def _pause_s(self) -> float:
-        """Until the next round begins [s]; at least a moment is left to others."""
-        return max(MIN_PAUSE_S, self._began_s + INTERVAL_S - time.monotonic())
+        """Until the next round begins [s]; a fifth of the time is left to others."""
+        return max(INTERVAL_S / 5, self._began_s + INTERVAL_S - time.monotonic())
 
     def _read_scans(self, floor: str, feed: Feed, now_s: float) -> None:
         assert isinstance(feed, ScanFeed)

@@ -13,6 +13,8 @@ from robocorba.simulation.sensing.scan import RAY_SENSORS
 
 #: Time after which a scan is taken away if its sensor makes no other one, in simulated and in real time [s].
 MAX_AGE_S = 2.0
+#: Rays of a scan that viewers get.
+MAX_RAYS = 720
 #: Departed entries that a feed remembers; a viewer with an older version gets the whole feed.
 MAX_GONE = 1000
 #: Version of a viewer that has nothing yet.
@@ -137,11 +139,13 @@ def _kind(scan: RobotScan) -> str:
 
 
 def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
-    """A scan as static/live.js documents it."""
+    """A scan as static/live.js documents it, with MAX_RAYS at most: of more every second one, every third, and so on."""
     at, (ahead_m, left_m, heading) = scan.at, scan.mount
     hits = scan.hits.astype(int)
     if len(scan.unmapped):
         hits += scan.unmapped
+    stride = max(1, -(-len(hits) // MAX_RAYS))
+    ranges = (scan.distances + scan.rim_m)[::stride].round(3).tolist()
     return {
         "key": key,
         "robot": scan.robot,
@@ -149,10 +153,10 @@ def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
         "time": scan.time,
         "pose": {"x": at.x, "y": at.y, "heading": at.heading},
         "mount": {"ahead": ahead_m, "left": left_m, "heading": heading},
-        "angles": {"first": scan.first_rad, "step": scan.step_rad, "count": len(scan.distances)},
+        "angles": {"first": scan.first_rad, "step": scan.step_rad * stride, "count": len(ranges)},
         "range": scan.range_m,
         "rim": scan.rim_m,
-        "ranges": (scan.distances + scan.rim_m).round(3).tolist(),
-        "hits": hits.tolist(),
+        "ranges": ranges,
+        "hits": hits[::stride].tolist(),
         "virtual": scan.is_virtual,
     }

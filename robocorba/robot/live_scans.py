@@ -22,7 +22,7 @@ from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import RAY_SENSORS, Mount, ScanSpec
 from robocorba.system.background import Workers
 
-#: Robots asked at a time, and by one reading; more take turns. 16 cost a viewer 5 % of a core.
+#: Robots asked at a time, and by one reading; more take turns. 16 cost the console 6 % of a core.
 ROBOTS_AT_ONCE = 16
 #: By how much a robot at which somebody looks goes before others [s].
 FIRST_S = 5.0
@@ -109,9 +109,10 @@ class LiveScans:
         at most FIRST_S earlier."""
         now = self._clock()
         with self._answered:
-            self._sensed = {robot.name: self._sensed.get(robot.name) or _Sensed() for robot in robots}
+            known = {robot.name: robot for robot in robots}  # in a cabin one may be on two floors
+            self._sensed = {name: self._sensed.get(name) or _Sensed() for name in known}
             turns = sorted(
-                ((robot, self._sensed[robot.name]) for robot in robots),
+                ((robot, self._sensed[name]) for name, robot in known.items()),
                 key=lambda turn: turn[1].scanned_at - FIRST_S * (turn[0].name in first),
             )
             due = [(robot, of) for robot, of in turns if robot.name not in self._asked and now >= of.own_at]
@@ -162,12 +163,8 @@ class LiveScans:
             with contextlib.suppress(RoboCorbaError):  # then it is not known
                 (seen,) = self._virtual([(robot.name, here[0].at)], robot.time, spec, Mount(*mount))
                 around[mount] = seen.distances
-        return [
-            scan._replace(time=robot.time, unmapped=unmapped(scan, around[scan.mount]))
-            if scan.mount in around
-            else scan._replace(time=robot.time)
-            for scan in scans
-        ]
+        marks = [unmapped(scan, around[scan.mount]) if scan.mount in around else scan.unmapped for scan in scans]
+        return [scan._replace(time=robot.time, unmapped=each) for scan, each in zip(scans, marks, strict=True)]
 
     def _scan(self, turns: Sequence[tuple[SensedRobot, _Sensed]]) -> None:
         """Scan for robots whose sensors are virtual: those that all programs ask."""

@@ -19,7 +19,7 @@ from robocorba.console.defects import DEFECT
 from robocorba.console.live_missions import LiveMissions
 from robocorba.console.live_sensors import LiveSensors, Topic
 from robocorba.console.robot_views import RETRY_S, SLOW_INTERVAL_S, RobotView, RobotViews
-from robocorba.console.sensor_feed import MAX_AGE_S, MAX_GONE, NOTHING, Feed, ScanFeed
+from robocorba.console.sensor_feed import MAX_AGE_S, MAX_GONE, MAX_RAYS, NOTHING, Feed, ScanFeed
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import TRY_AGAIN_LATER, Viewers
 from robocorba.errors.paths import UnknownFloor
@@ -98,6 +98,11 @@ def test_scans_of_a_fan() -> None:
     feed.receive([nearer], False, 1.1, 50.2)  # simulated time is paused, the robot goes on
     (text,) = feed.since(NOTHING).entries.values()
     assert json.loads(text)["ranges"][0] == 0.65
+    many = Fan(0.0, 0.001, 2 * MAX_RAYS + 1, 2.0)
+    feed.receive([of_fan("B", many, distances=np.linspace(0.0, 1.0, many.count))], False, 1.1, 50.2)
+    thin = json.loads(feed.since(NOTHING).entries["B/sensor 1"])
+    assert thin["angles"] == {"first": 0.0, "step": pytest.approx(0.003), "count": 481} and len(thin["hits"]) == 481
+    assert thin["ranges"][-1] == pytest.approx(1.0, abs=0.001)
     other = Fan(0.0, 0.1, 3, 2.0)
     found = [
         *(of_fan("A", LASER), of_fan("A", PROXIMITY), of_fan("A", LASER, ahead=0.2), of_fan("A", other)),

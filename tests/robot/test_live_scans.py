@@ -164,6 +164,15 @@ def test_many_robots_take_turns() -> None:
                 assert len(asked) == ROBOTS_AT_ONCE and set(names[:3]) < set(asked)
 
 
+@pytest.mark.usefixtures("patient")
+def test_one_between_two_floors_is_asked_once() -> None:
+    with robots(A=OWN) as place:
+        for _ in range(2):
+            place.asked = []
+            found = place.scans.read([sensed("A"), sensed("A", 7.1)])
+            assert (place.asked, [each.time for each in found]) == (["A"], [7.1])
+
+
 def test_one_that_hangs_delays_no_other_and_is_not_asked_again_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:
     with robots(A=OWN, H=OWN) as place:
         may_answer, own, begun = threading.Event(), place.own, list[str]()
