@@ -139,7 +139,7 @@ def _kind(scan: RobotScan) -> str:
 
 
 def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
-    """A scan as static/live.js documents it, with MAX_RAYS at most: of more every second one, every third, and so on."""
+    """A scan as static/live.js documents it; of more than MAX_RAYS rays every second one, or every third, and so on."""
     at, (ahead_m, left_m, heading) = scan.at, scan.mount
     hits = scan.hits.astype(int)
     if len(scan.unmapped):
