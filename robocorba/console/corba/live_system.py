@@ -97,7 +97,7 @@ class LiveSystem:
         scans: list[RobotScan] = []
         missions: list[MissionState] = []
         if now_s >= self._sensors_at_s:
-            self._sensors_at_s = now_s + SENSORS_S
+            self._sensors_at_s = max(now_s, self._sensors_at_s + SENSORS_S)
             for update in updates:
                 with contextlib.suppress(UnknownFloor):  # it has been removed meanwhile
                     postures += self._new_postures(update)
