@@ -51,19 +51,29 @@ def foxglove(
         system = live_system(orb, with_scans=scans)
         changes = system.begin(OUTAGE_LIMIT_S)
         time_s, served = max((update.time for update in changes.updates), default=0.0), ServedMap(orb, changes)
-        with contextlib.closing(LiveServer(host, port, served.building, steer, time_s)) as server:
+        with (
+            contextlib.closing(system),
+            contextlib.closing(LiveServer(host, port, served.building, steer, time_s)) as server,
+        ):
             server.publisher.publish(changes)
             echo(f"ws://{host}:{server.port}")
-            SystemInFoxglove(orb, system, served, steering).serve(server, stop)
+            SystemInFoxglove(orb, system, served, steering, scans).serve(server, stop)
 
 
 class SystemInFoxglove:
-    """Publishes the running system on a server. administrator: None if clients may not steer the simulation."""
+    """Publishes the running system on a server. administrator: None if clients may not steer the simulation.
+    with_scans: with the scans of sensors, while somebody watches."""
 
     def __init__(
-        self, orb: Orb, system: LiveSystem, served: ServedMap, administrator: RemoteAdministrator | None
+        self,
+        orb: Orb,
+        system: LiveSystem,
+        served: ServedMap,
+        administrator: RemoteAdministrator | None,
+        with_scans: bool,
     ) -> None:
         self._system, self._served, self._administrator = system, served, administrator
+        self._with_scans = with_scans
         self._simulation = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
         self._state_at_s = 0.0
         self._playback: tuple[bool, float] | None = None
@@ -86,6 +96,7 @@ class SystemInFoxglove:
             pause_s = max(0.01, began + interval_s - time.monotonic())
 
     def _look(self, server: LiveServer) -> None:
+        self._system.with_scans = self._with_scans and server.is_watched
         changes = self._system.follow(RETRY_TIMEOUT_S)
         server.publisher.publish(changes)
         server.tick()

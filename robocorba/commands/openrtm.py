@@ -60,13 +60,16 @@ def openrtm(
         changes = system.begin(OUTAGE_LIMIT_S)
         served = ServedMap(orb, changes)
         with contextlib.ExitStack() as closing:
+            closing.callback(system.close)
             names = closing.enter_context(contextlib.closing(orb.names_elsewhere(tools or orb.naming)))
             components = RobotComponents(orb, RtObjects(orb, names), names_in(robots))
             closing.callback(components.close)
             shown = SystemInOpenRtm(system, served, components, scan_rate)
             lasers = None
             if scan_rate:
-                lasers = ContinuousScans(RemoteLasers(orb).scans, lambda: shown.places, scan_rate)
+                lasers = ContinuousScans(
+                    RemoteLasers(orb).scans, lambda: shown.places, scan_rate, lambda: system.actual
+                )
                 closing.callback(lasers.close)
             shown.show(changes)
             echo(f"{tools or orb.naming}: {', '.join(sorted(components.names)) or 'no robots yet'}")

@@ -44,9 +44,11 @@ def record(
         stop = StopSignal()
         floors = floor or []
         RemoteFloors(orb, floors).follow(RESOLVE_TIMEOUT_S)  # reports errors before a file is created
-        system = live_system(orb, floors, with_scans=scans)
         recording = foxglove_file if foxglove else compact_file
-        with recording(file, served_building(orb, RESOLVE_TIMEOUT_S), force) as write:
+        with (
+            contextlib.closing(live_system(orb, floors, with_scans=scans)) as system,
+            recording(file, served_building(orb, RESOLVE_TIMEOUT_S), force) as write,
+        ):
             record_changes(system, write, seconds, stop)
 
 

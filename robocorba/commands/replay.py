@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import itertools
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -19,6 +20,7 @@ from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.map_editor.spatial.floor_update import FloorView
+from robocorba.simulation.robot_scans import LastScan, from_sensor
 from robocorba.system.extras import require_extra
 from robocorba.system.output_files import check_output, write_outputs
 from robocorba.system.printing import Console, echo
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
 #: Maximum number of pictures of a video: more than a day at 10 a second.
 MAX_PICTURES = 1_000_000
+#: How long a scan is drawn [s].
+SCAN_AGE_S = 1.0
 #: Renders a floor as PNG, at a time after the start of the recording [s].
 Draw = Callable[[float, FloorView], bytes]
 
@@ -108,7 +112,7 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
 
 def draw_one(recording: Recording, floor: str, at_s: float, file: Path, width_px: int) -> None:
     """Draw a floor at a time as a PNG file. Raises UnknownFloor, InvalidPicture, InvalidRecording, OutputError."""
-    picture = painting(recording, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
+    picture = painting(recording, floor, width_px)(min(at_s, recording.duration_s), recording.at(at_s, [floor])[floor])
     write_outputs({file: picture})
     echo(f"drew {file}")
 
@@ -128,7 +132,7 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
             f"the film would have {pictures:.0f} pictures, at most {MAX_PICTURES}: choose {math.ceil(least)} or more"
         )
         raise InvalidSetting("--speed", f"{speed:g}", reason)
-    stop, draw = StopSignal(), painting(recording, width_px)
+    stop, draw = StopSignal(), painting(recording, floor, width_px)
     size = Image.open(io.BytesIO(draw(0.0, recording.at(0.0, [floor])[floor]))).size
     with VideoFile(file, *size, fps) as video, progress(recording.duration_s) as bar:
         for at_s, views in recording.sampled(speed / fps, [floor]):
@@ -139,9 +143,26 @@ def film(recording: Recording, floor: str, file: Path, speed: float, fps: int, w
     echo(f"wrote {file}: {video.count / fps:.1f} s, {video.count} pictures of {video.size[0]} x {video.size[1]}")
 
 
-def painting(recording: Recording, width_px: int) -> Draw:
-    """A function that draws floors on the recorded map."""
+def painting(recording: Recording, floor: str, width_px: int) -> Draw:
+    """A function that draws a floor on the recorded map, at times that never fall."""
     from robocorba.simulation.picture import FloorPainter
 
-    painter = FloorPainter(recording.building)
-    return lambda at_s, view: painter.png(view, (), width_px, f"{view.floor}, {at_s:.1f} s")
+    painter, scans = FloorPainter(recording.building), scans_at(recording, floor)
+    return lambda at_s, view: painter.png(view, scans(at_s), width_px, f"{view.floor}, {at_s:.1f} s")
+
+
+def scans_at(recording: Recording, floor: str) -> Callable[[float], list[LastScan]]:
+    """A function that returns the scans of the second before a time after the start [s], of each sensor the last one;
+    times never fall."""
+    coming = itertools.chain(recording.scans(floor), [None])
+    following = [next(coming)]
+    last: dict[tuple[object, ...], tuple[float, LastScan]] = {}
+
+    def at(at_s: float) -> list[LastScan]:
+        while (found := following[0]) and found[0] <= at_s:
+            seen_s, scan = found
+            last.update({(scan.robot, *scan.sensor): (seen_s, from_sensor(scan))})
+            following[0] = next(coming)
+        return [scan for seen_s, scan in last.values() if seen_s >= at_s - SCAN_AGE_S]
+
+    return at

@@ -66,11 +66,14 @@ def ros2(
         publisher = RosPublisher(RosTopics(node), served.building, names_in(robots), floor, frames, resolution)
         publisher.publish(changes)
         with contextlib.ExitStack() as closing:
+            closing.callback(system.close)
             interfaces = RobotInterfaces(orb, node, publisher, frames, stamped)
             closing.callback(interfaces.close)
             lasers = None
             if scan_rate:
-                lasers = ContinuousScans(RemoteLasers(orb).scans, lambda: publisher.places, scan_rate)
+                lasers = ContinuousScans(
+                    RemoteLasers(orb).scans, lambda: publisher.places, scan_rate, lambda: system.actual
+                )
                 closing.callback(lasers.close)
             _, places = publisher.places
             interfaces.update(places)

@@ -20,10 +20,14 @@ from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
 from robocorba.orb.orb import Orb
 from robocorba.robot.corba.remote_agent import OrderLimits, RemoteAgent, order_all
 from robocorba.robot.corba.remote_agent import robots as bound_robots
+from robocorba.robot.corba.remote_scans import live_scans
+from robocorba.robot.live_scans import ROBOTS_AT_ONCE, nearest, robots_on
 from robocorba.simulation.corba.remote_database import CALL_TIMEOUT_S, RemoteFloors
 from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.printing import Console, line
 
+#: Longest wait for the scans of robots [s].
+SCAN_LIMIT_S = 0.2
 #: Fields of a robot, an elevator, a sensor server or the simulation server.
 Row = dict[str, Any]
 
@@ -46,6 +50,10 @@ class RunningSimulation:
         self._displays: dict[str, str] = {}
         self._ask_at = 0.0
         self._server = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
+        self._scans, self._has_scanned = live_scans(orb), False
+
+    def close(self) -> None:
+        self._scans.close()
 
     def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SimulationTables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
@@ -64,8 +72,25 @@ class RunningSimulation:
         tables = self._server.call(read)
         if tables.robots and time.monotonic() >= self._ask_at:
             self._ask_displays()
-        shown = [{**row, "display": self._displays.get(row["name"], "")} for row in tables.robots]
+        seen, unseen = self._nearest(views), {"nearest": None, "nearestIs": ""}
+        shown = [
+            {**row, **seen.get(row["name"], unseen), "display": self._displays.get(row["name"], "")}
+            for row in tables.robots
+        ]
         return tables._replace(robots=shown)
+
+    def _nearest(self, views: Iterable[FloorView]) -> dict[str, Row]:
+        """What is nearest to robots by their sensors, as members of their rows; none for a robot without."""
+        robots = [robot for view in views for robot in robots_on(view)]
+        # At first it is asked whose sensors are virtual.
+        rounds = 1 if self._has_scanned else 2 * math.ceil(len(robots) / ROBOTS_AT_ONCE)
+        scans = [scan for number in range(rounds) for scan in self._scans.read(robots, SCAN_LIMIT_S)]
+        self._has_scanned = True
+        found = {
+            robot.name: nearest((scan for scan in scans if scan.robot == robot.name), robot.radius_m)
+            for robot in robots
+        }
+        return {name: {"nearest": each[0], "nearestIs": each[1]} for name, each in found.items() if each}
 
     def _ask_displays(self) -> None:
         """Ask all robots that have an agent what they show, at most once a second."""
@@ -188,6 +213,8 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("calls/s", "callRate", "{:.1f}".format),
         ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
         ("sensor server", "sensor", _printable),
+        ("nearest [m]", "nearest", lambda value: "" if value is None else f"{value:.2f}"),
+        ("nearest is", "nearestIs", str),
         ("shows", "display", _printable),
     ),
     "elevator": (
@@ -222,7 +249,8 @@ def filled_tables(tables: SimulationTables) -> list[tuple[str, tuple[str, ...], 
 
 def as_json(tables: SimulationTables) -> str:
     """All tables of a running simulation as JSON, with the member names of the IDL. A robot's `at` and a sensor
-    server's `load` are flattened, `speed` and `display` are added, doors have the names of elevator_state.Doors."""
+    server's `load` are flattened, `speed`, `nearest`, `nearestIs` and `display` are added, doors have the names of
+    elevator_state.Doors."""
     return json_format.dumps({**tables._asdict(), "server": tables.server[0]}, indent=2)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import time
@@ -49,16 +50,16 @@ def watch(
         if video:
             film(Camera(orb, floors, width), video, seconds, fps, stop)
             return
-        simulation = RunningSimulation(orb, floors)
-        tables = simulation.read(RESOLVE_TIMEOUT_S)
-        if json:
-            echo(as_json(tables))
-        elif once:
-            show(tables)
-        elif Console().is_terminal:
-            show_live(simulation, tables, stop)
-        else:
-            print_tables(simulation, tables, stop)
+        with contextlib.closing(RunningSimulation(orb, floors)) as simulation:
+            tables = simulation.read(RESOLVE_TIMEOUT_S)
+            if json:
+                echo(as_json(tables))
+            elif once:
+                show(tables)
+            elif Console().is_terminal:
+                show_live(simulation, tables, stop)
+            else:
+                print_tables(simulation, tables, stop)
 
 
 def show_live(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:

@@ -15,7 +15,9 @@ class Following(Repeating):
     changed: called in that thread when there is news. problem: why that part does not answer, empty while it does; a
     change of it is news."""
 
-    def __init__(self, name: str, every_s: float, changed: Callable[[], None], problem: str = "") -> None:
+    def __init__(
+        self, name: str, every_s: float | Callable[[], float], changed: Callable[[], None], problem: str = ""
+    ) -> None:
         super().__init__(name, self.follow, every_s)
         self._changed, self.problem = changed, problem
 

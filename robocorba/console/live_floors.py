@@ -14,6 +14,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.floor_update import WHOLE, FloorView
 from robocorba.orb.orb import Orb
+from robocorba.robot.live_scans import SensedRobot, robots_on
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 
 #: Interval between updates of floors that nobody watches [s].
@@ -43,6 +44,12 @@ class LiveFloor:
     def time(self) -> float:
         """Simulated time of the content [s]."""
         return self._view.time
+
+    @property
+    def robots(self) -> list[SensedRobot]:
+        """Where the robots on it are."""
+        with self._lock:
+            return robots_on(self._view)
 
     def follow(self, database: RemoteDatabase, history: History) -> bool:
         """Update the content; whether it has changed. Raises UnknownFloor, NotReachable."""
@@ -94,6 +101,12 @@ class LiveFloors(Following):
             if name not in self._floors:
                 raise UnknownFloor("floor", name, list(self._floors))
             return self._floors[name]
+
+    def robots(self, names: Iterable[str]) -> list[SensedRobot]:
+        """The robots on some floors, as far as these are known."""
+        with self._lock:
+            floors = [self._floors[name] for name in names if name in self._floors]
+        return [robot for floor in floors for robot in floor.robots]
 
     def watch(self, viewer: object, floors: Iterable[str]) -> None:
         """What a viewer watches from now on; nothing: it has left."""

@@ -13,6 +13,8 @@ from robocorba.simulation.sensing.scan import RAY_SENSORS
 
 #: Time after which a scan is taken away if its sensor makes no other one, in simulated and in real time [s].
 MAX_AGE_S = 2.0
+#: Rays of a scan that viewers get.
+MAX_RAYS = 720
 #: Departed entries that a feed remembers; a viewer with an older version gets the whole feed.
 MAX_GONE = 1000
 #: Version of a viewer that has nothing yet.
@@ -99,7 +101,8 @@ class ScanFeed(Feed):
             seen.add(of)
             self.newest_s = max(self.newest_s, scan.time)
             known = self._sensors.get(of)
-            if known is None or known.time != scan.time:
+            # An actual robot goes on while simulated time is paused.
+            if known is None or known.time != scan.time or not scan.is_virtual:
                 # The first time there may be scans of sensors that were switched off long ago.
                 age_s = max(0.0, time_s - scan.time) if not self.is_known else 0.0
                 key = known.key if known else self._new_key(scan)
@@ -136,8 +139,13 @@ def _kind(scan: RobotScan) -> str:
 
 
 def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
-    """A scan as static/live.js documents it."""
+    """A scan as static/live.js documents it; of more than MAX_RAYS rays every second one, or every third, and so on."""
     at, (ahead_m, left_m, heading) = scan.at, scan.mount
+    hits = scan.hits.astype(int)
+    if len(scan.unmapped):
+        hits += scan.unmapped
+    stride = max(1, -(-len(hits) // MAX_RAYS))
+    ranges = (scan.distances + scan.rim_m)[::stride].round(3).tolist()
     return {
         "key": key,
         "robot": scan.robot,
@@ -145,9 +153,10 @@ def _scan_as_json(key: str, scan: RobotScan) -> dict[str, Any]:
         "time": scan.time,
         "pose": {"x": at.x, "y": at.y, "heading": at.heading},
         "mount": {"ahead": ahead_m, "left": left_m, "heading": heading},
-        "angles": {"first": scan.first_rad, "step": scan.step_rad, "count": len(scan.distances)},
+        "angles": {"first": scan.first_rad, "step": scan.step_rad * stride, "count": len(ranges)},
         "range": scan.range_m,
         "rim": scan.rim_m,
-        "ranges": (scan.distances + scan.rim_m).round(3).tolist(),
-        "hits": scan.hits.astype(int).tolist(),
+        "ranges": ranges,
+        "hits": hits[::stride].tolist(),
+        "virtual": scan.is_virtual,
     }

@@ -49,6 +49,7 @@ from robocorba.events.arrival_clock import ArrivalClock
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 from robocorba.orb.orb import Orb
 from robocorba.robot.corba.remote_data_pool import RemotePool
+from robocorba.robot.corba.remote_scans import live_scans
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.system.decoding import Work
 
@@ -72,7 +73,13 @@ class Console:
         self.floors = LiveFloors(orb, self.history, self.viewers.notify)
         self.plans = LivePlans(orb, self.viewers.notify)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
-        self.sensors = LiveSensors(database, lambda floor: self.floors.floor(floor).time, self.viewers.notify)
+        self.scans = live_scans(orb)
+        self.sensors = LiveSensors(
+            database,
+            lambda floor: self.floors.floor(floor).time,
+            lambda floors, first: self.scans.read(self.floors.robots(floors), first=first),
+            self.viewers.notify,
+        )
         self.missions = LiveMissions(RemoteMissionControl(orb, RESOLVE_TIMEOUT_S), self.viewers.notify)
         self.robot_views = RobotViews(lambda robot: RemotePool(orb, robot, 1.0))
         self.operations = Operations(orb, settings.common.state)
@@ -121,7 +128,7 @@ class Console:
         try:
             yield
         finally:
-            for each in (*started, self.films, self.calls, self.robot_views):
+            for each in (*started, self.scans, self.films, self.calls, self.robot_views):
                 await asyncio.to_thread(each.close)
 
     async def _robot_view(self, socket: WebSocket) -> None:

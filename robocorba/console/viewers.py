@@ -177,21 +177,21 @@ class Viewer:
                 return
             try:
                 wanted = json.loads(text)
-                names = _floors(wanted["watch"])
-                topics = [(kind, name) for kind in ("scans", "postures") for name in _floors(wanted.get(kind))]
+                names, robots = _names(wanted["watch"]), _names(wanted.get("robots"))
+                topics = [(kind, name) for kind in ("scans", "postures") for name in _names(wanted.get(kind))]
                 topics += [("reservations", "")] if wanted.get("reservations") is True else []
                 wants_missions = wanted.get("missions") is True
             except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
                 return
             self._sent = {name: self._sent.get(name, 0) for name in names}
             self._viewers.floors.watch(self, names)
-            self._viewers.sensors.want(self, topics)
+            self._viewers.sensors.want(self, topics, robots)
             self._viewers.missions.want(self, wants_missions)
             all_topics = [*topics, MISSIONS] if wants_missions else topics
             self._versions = {topic: self._versions.get(topic, NOTHING) for topic in all_topics}
             self.news.set()
 
 
-def _floors(names: Any) -> list[str]:
-    """The names of floors in a message, at most 64; none if it is no list."""
+def _names(names: Any) -> list[str]:
+    """The names of floors or robots in a message, at most 64; none if it is no list."""
     return [name for name in names if isinstance(name, str)][:64] if isinstance(names, list) else []

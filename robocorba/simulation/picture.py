@@ -40,7 +40,7 @@ MIN_WIDTH_PX, MAX_WIDTH_PX = 200, 4096
 #: Time after its last picture for which a layer is kept [s].
 UNUSED_LAYER_S = 60.0
 #: Colours.
-ROBOT, VELOCITY, LASER = "#7b2cbf", "#0b5d51", "#f03e3e"
+ROBOT, VELOCITY, LASER, UNMAPPED = "#7b2cbf", "#0b5d51", "#f03e3e", "#c4007a"
 #: Share of the laser's colour in lit areas.
 LIGHT = 0.2
 #: Coordinates beyond this are not drawn [m].
@@ -52,7 +52,7 @@ _HALO_PX = 2
 #: Shades between the colours of letters and ground.
 _SHADES = 16
 #: Colours of the moving parts.
-_MOVING = (ROBOT, VELOCITY, LASER, MOVABLE, CABIN, CLOSED_SHAFT, DOOR)
+_MOVING = (ROBOT, VELOCITY, LASER, UNMAPPED, MOVABLE, CABIN, CLOSED_SHAFT, DOOR)
 #: Number of colours of the static layer. The palette has these, their lit versions, moving colours, and shades.
 _STATIC = (256 - len(_MOVING) - _SHADES) // 2
 #: Palette index of each moving colour.
@@ -62,6 +62,7 @@ _LEGEND = (
     (ROBOT, "robot"),
     (VELOCITY, "~velocity"),
     (LASER, "~laser"),
+    (UNMAPPED, "in no map"),
     (MOVABLE, "movable object"),
     (drawing.FIXED, "object"),
     (DOOR, "~door"),
@@ -193,29 +194,36 @@ class _Picture:
             self._pen.line(leaf, _INDEX[DOOR], round(_px(self._frame, 0.09, 2, 4)))
 
     def add_scans(self, scans: Sequence[LastScan]) -> None:
-        """Light the area of each scan, and outline it."""
-        outlines = [outline for scan in scans if len(outline := self._outline(scan)) > 2]
+        """Light the area of each scan, outline it, twice as wide if an actual robot's sensor made it, and mark the ends
+        of rays that hit what no map has."""
+        outlines = [(outline, scan) for scan in scans if len(outline := self._outline(scan)) > 2]
         light = Image.new("L", self._pixels.size)
         pen = ImageDraw.Draw(light)
-        for outline in outlines:
+        for outline, _ in outlines:
             pen.polygon(outline, 255)
         box = light.getbbox()
         if box is not None:
             lit = self._pixels.crop(box).point(lambda index: index + _STATIC if index < _STATIC else index)
             self._pixels.paste(lit, box, light.crop(box))
-        for outline in outlines:
-            self._pen.polygon(outline, outline=_INDEX[LASER])
+        for outline, scan in outlines:
+            self._pen.polygon(outline, outline=_INDEX[LASER], width=1 if scan.is_virtual else 2)
+            ends = outline[-len(scan.distances[_drawn_rays(scan)]) :]
+            for (column, row), is_unmapped in zip(ends, scan.unmapped[_drawn_rays(scan)], strict=False):
+                if is_unmapped:
+                    self._pen.rectangle((column - 2, row - 2, column + 2, row + 2), _INDEX[UNMAPPED])
 
     def _outline(self, scan: LastScan) -> list[XY]:
-        """Polygon of the sensor and its ray ends [px]; empty for a sensor without a finite pose."""
+        """Polygon of the sensor, unless rays are all around it, and of their ends [px]; empty for a sensor without a
+        finite pose."""
         if not all(abs(value) < _FAR_M for value in (*scan.at[1:], scan.first_rad, scan.step_rad)):
             return []
-        # At most 720 rays: of a larger scan every second one is drawn, or every third, and so on.
-        rays = np.arange(0, len(scan.distances), 1 + len(scan.distances) // 720)
+        rays = np.arange(len(scan.distances))[_drawn_rays(scan)]
         angles = scan.at.heading + scan.first_rad + scan.step_rad * rays
         distances = np.nan_to_num(scan.distances[rays]).clip(0.0, _FAR_PX / self._frame.scale)
         x, y = distances * np.cos(angles), distances * np.sin(angles)
-        return _polygon(self._frame, scan.at.x + np.append(0.0, x), scan.at.y + np.append(0.0, y))
+        is_round = len(scan.distances) * scan.step_rad > 2 * math.pi - scan.step_rad / 2
+        begin = [] if is_round else [0.0]
+        return _polygon(self._frame, scan.at.x + np.append(begin, x), scan.at.y + np.append(begin, y))
 
     def add_bodies(self, view: FloorView) -> None:
         """Draw objects, robots above them, and names above both."""
@@ -273,6 +281,11 @@ class _Picture:
             left = min(max(0, round(column - letters.width / 2)), self._frame.width - letters.width)
             top = min(max(0, round(row - letters.height / 2)), self._frame.height - letters.height)
             self._pixels.paste(letters, (left, top), halo)
+
+
+def _drawn_rays(scan: LastScan) -> slice:
+    """At most 720 rays: of a larger scan every second one is drawn, or every third, and so on."""
+    return slice(None, None, 1 + len(scan.distances) // 720)
 
 
 def _layer(building: Building, floor: str, width_px: int) -> _Layer:

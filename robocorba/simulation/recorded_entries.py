@@ -36,6 +36,8 @@ struct RobotScan {
   double rim;                  // distance from the sensor at which rays begin
   sequence<octet> distances;   // float, little-endian, a ray each
   sequence<octet> hits;        // a bit for each ray, the highest of an octet first
+  boolean isVirtual;           // not a sensor of an actual robot
+  sequence<octet> unmapped;    // as hits, of the rays that hit what no map has; empty: unknown
 };
 """
 
@@ -57,6 +59,8 @@ class _Scan(msgspec.Struct, rename="camel"):
     rim: float
     distances: bytes
     hits: bytes
+    is_virtual: bool = True
+    unmapped: bytes = b""
 
 
 class _Posture(msgspec.Struct):
@@ -79,18 +83,24 @@ def dump_scan(scan: RobotScan) -> bytes:
     """Distances are rounded to single precision; the parameters of the noise are left out."""
     frame = scan.first_rad, scan.step_rad, scan.range_m, scan.rim_m
     rows = scan.distances.astype("<f4").tobytes(), np.packbits(scan.hits).tobytes()
-    return msgspec.msgpack.encode(_Scan(scan.robot, scan.time, scan.at.floor, scan.at[1:], scan.mount, *frame, *rows))
+    kind = scan.is_virtual, np.packbits(scan.unmapped).tobytes()
+    whole = _Scan(scan.robot, scan.time, scan.at.floor, scan.at[1:], scan.mount, *frame, *rows, *kind)
+    return msgspec.msgpack.encode(whole)
 
 
 def load_scan(data: bytes) -> RobotScan:
     """The inverse of `dump_scan`. Raises msgspec.MsgspecError, ValueError."""
     found = decode_msgpack(data, _Scan)
     distances = np.frombuffer(found.distances, "<f4").astype(float)
-    hits = np.unpackbits(np.frombuffer(found.hits, np.uint8))[: len(distances)].astype(bool)
-    if len(hits) != len(distances):
-        raise ValueError(f"{len(hits)} hits of {len(distances)} rays")
+    hits, unmapped = (
+        np.unpackbits(np.frombuffer(bits, np.uint8))[: len(distances)].astype(bool)
+        for bits in (found.hits, found.unmapped)
+    )
+    if len(hits) != len(distances) or len(unmapped) not in (0, len(distances)):
+        raise ValueError(f"{len(hits)} hits, {len(unmapped)} marks of {len(distances)} rays")
     at, frame = Pose(found.floor_name, *found.at), (found.first_angle, found.step, found.range, found.rim)
-    return RobotScan(found.robot, found.time, at, found.mount, *frame, (0.0, 0.0, 0.0, 0), distances, hits)
+    rows = distances, hits, found.is_virtual, unmapped
+    return RobotScan(found.robot, found.time, at, found.mount, *frame, (0.0, 0.0, 0.0, 0), *rows)
 
 
 def dump_mission(name: str, content: MissionContent) -> bytes:

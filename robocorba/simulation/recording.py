@@ -305,6 +305,15 @@ class Recording:
                         changes.missions.append(load_mission(message.data))
                 yield changes
 
+    def scans(self, floor: str) -> Iterator[tuple[float, RobotScan]]:
+        """Scans on a floor in recorded order, each with its time after `began` [s]. Raises InvalidRecording."""
+        with self._translating_read_errors():
+            for record in self._records():
+                if isinstance(record, _RecordedMessage) and record.topic == SCANS:
+                    scan = load_scan(record.data)
+                    if scan.at.floor == floor:
+                        yield record.log_time / NS_PER_S - self.began, scan
+
     def sampled(
         self, every_s: float, floors: Collection[str] = (), only_changed: bool = False
     ) -> Iterator[tuple[float, dict[str, FloorView]]]:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robocorba.map_editor.spatial.arrays import Floats
+from robocorba.map_editor.spatial.frames import out_of
 from robocorba.map_editor.spatial.pose import Pose
 
 #: Sensors remembered for each robot; beyond that the one without a scan for the longest time is forgotten.
@@ -24,7 +25,8 @@ READ_WINDOW_S = 3.0
 class RobotScan(NamedTuple):
     """A scan of a sensor on a robot. time: simulated [s]. at: pose of the robot. mount: of the sensor in the robot's
     frame: ahead, left [m], heading [rad]. Ray k begins `rim_m` from the sensor and has the length distances[k] [m],
-    at most range_m; hits[k] is whether it hit something. noise: sigma [m], relative, lost and seed."""
+    at most range_m; hits[k] is whether it hit something. noise: sigma [m], relative, lost and seed. is_virtual: the
+    sensor is virtual, not an actual robot's. unmapped: (rays,) whether ray k hit what no map has; empty: unknown."""
 
     robot: str
     time: float
@@ -37,6 +39,8 @@ class RobotScan(NamedTuple):
     noise: tuple[float, float, float, int]
     distances: Floats
     hits: NDArray[np.bool_]
+    is_virtual: bool = True
+    unmapped: NDArray[np.bool_] = np.zeros(0, bool)
 
     @property
     def sensor(self) -> tuple[object, ...]:
@@ -64,7 +68,8 @@ class LastScans:
 
 class LastScan(NamedTuple):
     """Last scan of a robot. time: simulated [s]. at: pose of the sensor. first_rad, step_rad: angle of the first ray
-    from the sensor's heading, and between rays, counter-clockwise [rad]. distances: lengths of the rays [m]."""
+    from the sensor's heading, and between rays, counter-clockwise [rad]. distances: lengths of the rays [m].
+    is_virtual, unmapped: as of RobotScan."""
 
     robot: str
     time: float
@@ -72,6 +77,19 @@ class LastScan(NamedTuple):
     first_rad: float
     step_rad: float
     distances: Floats
+    is_virtual: bool = True
+    unmapped: NDArray[np.bool_] = np.zeros(0, bool)
+
+
+def from_sensor(scan: RobotScan) -> LastScan:
+    """A scan as it is seen from its sensor. A ray without an echo between two others counts as the shorter of these."""
+    ahead, left, heading = scan.mount
+    x, y = out_of(ahead, left, scan.at[1:])
+    at = Pose(scan.at.floor, x, y, scan.at.heading + heading)
+    lengths, hits = scan.distances + scan.rim_m, scan.hits
+    is_lost = ~hits[1:-1] & hits[:-2] & hits[2:]
+    lengths[1:-1][is_lost] = np.minimum(lengths[:-2], lengths[2:])[is_lost]
+    return LastScan(scan.robot, scan.time, at, scan.first_rad, scan.step_rad, lengths, scan.is_virtual, scan.unmapped)
 
 
 class RobotScans:

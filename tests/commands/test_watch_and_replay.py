@@ -102,6 +102,14 @@ def test_the_tables_of_a_simulation() -> None:
     assert json.loads(json.dumps(tables._asdict()))["robots"][0]["callRate"] == 12.5
 
 
+def test_what_is_nearest_to_robots() -> None:
+    rows = [{**row, "nearest": None, "nearestIs": ""} for row in robots([view("L1", "A", "B")])]
+    rows[1] |= {"nearest": 0.118, "nearestIs": "in no map"}
+    ((_, titles, cells),) = filled_tables(SimulationTables(robots=rows))
+    assert titles[-2:] == ("nearest [m]", "nearest is")
+    assert [row[-2:] for row in cells] == [("", ""), ("0.12", "in no map")]
+
+
 def test_rows_of_robots_and_elevators(capsys: pytest.CaptureFixture[str]) -> None:
     both = [client("A", "L1"), client("B", "L2")]
     assert [row["name"] for row in clients(both, [view("L2")])] == ["B"]

@@ -6,7 +6,7 @@ import asyncio
 import contextlib
 import json
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,7 +19,7 @@ from robocorba.console.defects import DEFECT
 from robocorba.console.live_missions import LiveMissions
 from robocorba.console.live_sensors import LiveSensors, Topic
 from robocorba.console.robot_views import RETRY_S, SLOW_INTERVAL_S, RobotView, RobotViews
-from robocorba.console.sensor_feed import MAX_AGE_S, MAX_GONE, NOTHING, Feed, ScanFeed
+from robocorba.console.sensor_feed import MAX_AGE_S, MAX_GONE, MAX_RAYS, NOTHING, Feed, ScanFeed
 from robocorba.console.system_state import SystemState
 from robocorba.console.viewers import TRY_AGAIN_LATER, Viewers
 from robocorba.errors.paths import UnknownFloor
@@ -88,8 +88,21 @@ def test_scans_of_a_fan() -> None:
         "pose": {"x": 1.0, "y": 2.0, "heading": 0.0},
         "mount": {"ahead": 0.0, "left": 0.0, "heading": 0.0},
         "angles": {"first": -0.1, "step": 0.1, "count": 3},
-        **{"range": 2.0, "rim": 0.4, "ranges": [0.9, 2.4, pytest.approx(1.635)], "hits": [1, 0, 1]},
+        **{"range": 2.0, "rim": 0.4, "ranges": [0.9, 2.4, pytest.approx(1.635)], "hits": [1, 0, 1], "virtual": True},
     }
+    own = seen._replace(time=1.1, is_virtual=False, unmapped=np.array([False, False, True]))
+    feed.receive([own], False, 1.1, 50.1)
+    (text,) = feed.since(NOTHING).entries.values()
+    assert (json.loads(text)["hits"], json.loads(text)["virtual"]) == ([1, 0, 2], False)
+    nearer = own._replace(distances=own.distances / 2)
+    feed.receive([nearer], False, 1.1, 50.2)  # simulated time is paused, the robot goes on
+    (text,) = feed.since(NOTHING).entries.values()
+    assert json.loads(text)["ranges"][0] == 0.65
+    many = Fan(0.0, 0.001, 2 * MAX_RAYS + 1, 2.0)
+    feed.receive([of_fan("B", many, distances=np.linspace(0.0, 1.0, many.count))], False, 1.1, 50.2)
+    thin = json.loads(feed.since(NOTHING).entries["B/sensor 1"])
+    assert thin["angles"] == {"first": 0.0, "step": pytest.approx(0.003), "count": 481} and len(thin["hits"]) == 481
+    assert thin["ranges"][-1] == pytest.approx(1.0, abs=0.001)
     other = Fan(0.0, 0.1, 3, 2.0)
     found = [
         *(of_fan("A", LASER), of_fan("A", PROXIMITY), of_fan("A", LASER, ahead=0.2), of_fan("A", other)),
@@ -139,9 +152,11 @@ class Console:
         self.angles = {"L1": [Posture("A", 1.0, (0.5,))], "L2": [Posture("B", 1.0, (0.7,))]}
         self.reserved = [ReservedAreas("A", (("L1", SQUARE),), Reservation(True, 0, 0.0, 9.96))]
         self.is_away, self.calls, self.notified = False, list[tuple[Any, ...]](), list[int]()
+        self.asked = list[tuple[list[str], list[str]]]()
         self.clock = Clock()
         monkeypatch.setattr(live_sensors.time, "monotonic", self.clock)
-        self.sensors = LiveSensors(self, lambda floor: 1.0, lambda: self.notified.append(1))
+        self.sensed = list[RobotScan]()
+        self.sensors = LiveSensors(self, lambda floor: 1.0, self.ask_robots, lambda: self.notified.append(1))
 
     @property
     def news(self) -> int:
@@ -165,6 +180,10 @@ class Console:
         self._count("scans", floor, time_s)
         return [scan for scan in self.scans if scan.time > time_s and scan.at.floor == floor]
 
+    def ask_robots(self, floors: Collection[str], first: Collection[str]) -> list[RobotScan]:
+        self.asked.append((list(floors), sorted(first)))
+        return self.sensed
+
     def postures(self, floor: str, time_s: float) -> list[Posture]:
         self._count("postures", floor, time_s)
         return [posture for posture in self.angles[floor] if posture.time > time_s]
@@ -181,15 +200,16 @@ def console(monkeypatch: pytest.MonkeyPatch) -> Console:
 
 def test_nothing_is_read_for_nobody(console: Console) -> None:
     assert console.follow() == []
-    console.sensors.want("viewer", [*scans_of("L1"), *postures_of("L2")])
+    console.sensors.want("viewer", [*scans_of("L1"), *postures_of("L2")], ["A"])
     assert console.follow() == [("scans", "L1", -1.0), ("postures", "L2", -1.0)]
-    console.sensors.want("another", scans_of("L1"))
+    console.sensors.want("another", scans_of("L1"), ["B"])
     console.sensors.want("viewer", ())
     assert [call[:2] for call in console.follow()] == [("scans", "L1")]
     console.sensors.want("another", [AREAS])
     assert console.follow() == [("reservations",)]
     console.sensors.want("another", ())
     assert console.follow(10.0) == []
+    assert console.asked == [(["L1"], ["A"]), (["L1"], ["B"])]
     assert console.sensors.message(("scans", "L1"), NOTHING) == (NOTHING, "")
 
 
@@ -218,6 +238,22 @@ def test_scans_go_to_viewers_as_messages(console: Console) -> None:
     console.follow(live_sensors.WHOLE_S)
     version, text = console.sensors.message(("scans", "L1"), version)
     assert json.loads(text)["scans"] == {"floor": "L1", "whole": False, "gone": ["A/laser"], "scans": []}
+
+
+def test_what_sensors_see_now_goes_before_what_programs_saw(console: Console) -> None:
+    """A sensor of both has one scan, the last one; the programs' other sensors are shown beside."""
+    console.scans = [of_fan("A", LASER, 1.0), of_fan("A", LASER, 1.0, ahead=0.2)]
+    console.sensed = [of_fan("A", LASER, 1.05), of_fan("A", PROXIMITY, 1.05), of_fan("B", LASER, 1.05, floor="L2")]
+    console.sensors.want("viewer", scans_of("L1"))
+    for seconds in (0.1, live_sensors.WHOLE_S, 0.1):
+        console.follow(seconds)
+        _, text = console.sensors.message(("scans", "L1"), NOTHING)
+        times = {scan["key"]: scan["time"] for scan in json.loads(text)["scans"]["scans"]}
+        assert times == {"A/laser": 1.05, "A/laser 2": 1.0, "A/proximity": 1.05}
+    console.sensed = []
+    console.follow(live_sensors.WHOLE_S)
+    _, text = console.sensors.message(("scans", "L1"), NOTHING)
+    assert {scan["key"] for scan in json.loads(text)["scans"]["scans"]} == {"A/laser", "A/laser 2"}
 
 
 def test_postures_go_to_viewers_as_messages(console: Console) -> None:
@@ -390,6 +426,7 @@ class Wants:
 
     def __init__(self) -> None:
         self.watched, self.wanted, self.wants_missions = list[list[str]](), list[Any](), list[bool]()
+        self.first = list[list[str]]()
         self.missions = SimpleNamespace(problem="", want=self._want_missions, message=self._missions)
 
     def watch(self, viewer: object, floors: Any) -> None:
@@ -401,8 +438,9 @@ class Wants:
     def frame_since(self, version: int) -> tuple[int, bytes]:
         return 1, b"" if version else b"frame"
 
-    def want(self, viewer: object, wanted: Any) -> None:
+    def want(self, viewer: object, wanted: Any, first: Any = ()) -> None:
         self.wanted.append(wanted)
+        self.first.append(list(first))
 
     def message(self, topic: Topic, version: int) -> tuple[int, str]:
         kind, floor = topic
@@ -463,17 +501,22 @@ def viewers_of(wants: Any, **more: Any) -> Any:
 
 def test_a_viewer_gets_what_it_wants_unless_it_sends_nonsense() -> None:
     wanted = {"watch": ["L1"], "scans": ["L1", "L2"], "postures": ["L2"], "reservations": True, "missions": True}
+    wanted["robots"] = ["A"]
     got, wants = serve(json.dumps(wanted), is_done=lambda got: {"missions": []} in got)
     texts = [{"scans": "L1"}, {"scans": "L2"}, {"postures": "L2"}, {"reservations": []}, {"missions": []}]
     for message in (b"frame", *texts):
         assert got.count(message) == 1
     assert wants.wants_missions == [True, False]
     assert wants.wanted == [[*scans_of("L1", "L2"), *postures_of("L2"), AREAS], ()]
-    assert wants.watched == [["L1"], []]
-    for others in ({}, {"scans": False}, {"scans": None, "postures": "L1", "reservations": 1, "missions": 1}):
+    assert (wants.watched, wants.first) == ([["L1"], []], [["A"], []])
+    for others in (
+        {},
+        {"scans": False},
+        {"scans": None, "robots": 3, "postures": "L1", "reservations": 1, "missions": 1},
+    ):
         got, wants = serve(json.dumps({"watch": ["L1"], **others}), is_done=lambda got: b"frame" in got)
         assert b"frame" in got
-        assert not wants.wanted[0] and not wants.wants_missions[0]
+        assert not wants.wanted[0] and not wants.wants_missions[0] and not wants.first[0]
     for nonsense in ("no json", "[]", "5", "{}", "null", "[" * 3000, "x" * 5000):
         assert serve(nonsense, is_done=lambda got: False)[1].wanted == [()]
 

@@ -25,9 +25,13 @@ from robocorba.robot.corba import remote_data_pool as data_pool
 from robocorba.robot.corba.remote_data_pool import PoolFollower
 from robocorba.simulation.corba import floors as conversion
 from robocorba.simulation.corba.remote_database import RemoteFloor, RemoteFloors
+from robocorba.simulation.robot_scans import RobotScan
+from robocorba.simulation.sensing.continuous_scans import ContinuousScans
+from robocorba.simulation.system_view import RobotPlace
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
 from tests.robot.data_pool.places import Place
+from tests.simulation.places import scan
 
 
 def test_it_is_resolved_again_only_after_it_did_not_answer() -> None:
@@ -208,6 +212,47 @@ def test_each_posture_comes_once(system: tuple[World, LiveSystem]) -> None:
     assert seen(10.0, ("A", 9.9), ("B", 9.95)) == []
     assert seen(10.1, ("A", 10.05), ("B", 9.95), ("C", 9.93)) == ["A", "C"]  # C's is late
     assert seen(5.0, ("A", 4.9)) == ["A"]  # a server that was restored from an earlier moment
+
+
+def test_scans_of_actual_robots_come_once_while_scans_are_wanted(
+    system: tuple[World, LiveSystem], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    world, live = system
+    asked: list[bool] = []
+
+    def read(robots: list[Any], limit_s: float | None = None, with_virtual: bool = True) -> list[RobotScan]:
+        asked.append(with_virtual)
+        return [scan("A", world.time_s, is_virtual=False)]
+
+    monkeypatch.setattr(live, "_sensed", SimpleNamespace(read=read, actual=frozenset({"A"})))
+    assert [each.time for each in live.follow(0.0).scans] == [10.0]
+    assert live.follow(0.0).scans == []
+    world.time_s = 10.1
+    assert [each.is_virtual for each in live.follow(0.0).scans] == [False]
+    assert (asked, live.actual) == ([False] * 3, {"A"})
+    live.with_scans, world.time_s = False, 10.2
+    assert live.follow(0.0).scans == []
+    assert len(asked) == 3
+
+
+def test_continuous_lasers_are_of_virtual_robots_that_scan_nothing_themselves() -> None:
+    asked: list[list[str]] = []
+    places = {name: RobotPlace(name, "L1", 1.0, 2.0, 0.0, 0.0, (0.0, 0.0, 0.0), 5.0) for name in "ABC"}
+    times = itertools.count(5.0, 0.1)
+
+    def scans_of(robots: Any, time_s: float) -> list[RobotScan]:
+        asked.append([name for name, _ in robots])
+        return [scan(name, time_s) for name, _ in robots]
+
+    lasers = ContinuousScans(scans_of, lambda: (next(times), places), 1000.0, lambda: {"A"})
+    with contextlib.closing(lasers):
+        eventually(lambda: asked, 60.0, "scans")
+        lasers.note([scan("B", 1e9)])
+        lasers.note([scan("C", next(times))])
+        eventually(lambda: asked[-1] == ["B"], 60.0, "that C scans itself")
+        eventually(lambda: asked[-1] == ["B", "C"], 60.0, "that C has ended that")
+    assert asked[0] == ["B", "C"] and not any("A" in names for names in asked)
+    assert [each.time for each in lasers.take()] == [5.0, 5.0]
 
 
 def test_a_server_that_restarts_is_waited_for_at_the_beginning(system: tuple[World, LiveSystem]) -> None:

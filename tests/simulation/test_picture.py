@@ -38,7 +38,7 @@ from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.map_editor.spatial.pose import XY, Pose
 from robocorba.simulation import picture
-from robocorba.simulation.picture import LASER, LIGHT, ROBOT, UNUSED_LAYER_S, VELOCITY, FloorPainter
+from robocorba.simulation.picture import LASER, LIGHT, ROBOT, UNMAPPED, UNUSED_LAYER_S, VELOCITY, FloorPainter
 from robocorba.simulation.robot_scans import LastScan
 from tests.clock import Clock
 from tests.map_editor.pixels import to_pixel
@@ -346,6 +346,28 @@ def test_a_fan_of_many_rays_is_thinned_out() -> None:
     assert Shown(view_of(), [few]).count(LASER) > 700, "every ray of these"
 
 
+def test_what_an_actual_sensor_sees_and_no_map_has() -> None:
+    distances = np.full(181, 3.0)
+    distances[85:96] = 1.5
+    scan = fan(8.0, 5.0, 0.0)._replace(distances=distances)
+    virtual = Shown(view_of(), [scan])
+    assert virtual.count(UNMAPPED) == 0
+    actual = Shown(view_of(), [scan._replace(is_virtual=False)])
+    assert actual.count(LASER) > 1.5 * virtual.count(LASER)
+    marked = Shown(view_of(), [scan._replace(is_virtual=False, unmapped=distances < 2.0)])
+    assert marked.at(9.5, 5.0) == ImageColor.getrgb(UNMAPPED)
+    assert marked.at(11.0, 5.6) != ImageColor.getrgb(UNMAPPED)
+    ring = scan._replace(first_rad=0.0, step_rad=math.pi / 4, distances=np.full(8, 2.0), unmapped=np.arange(8) == 0)
+    shown = Shown(view_of(), [ring])
+    assert shown.at(10.0, 5.0) == ImageColor.getrgb(UNMAPPED)
+    assert shown.at(9.0, 4.6) == shown.at(9.0, 5.4) == shown.at(7.0, 5.0), "all around"
+    many = np.full(1800, 3.0)
+    thinned = scan._replace(step_rad=math.pi / 1799, distances=many, unmapped=np.arange(1800) > 1700)
+    shown = Shown(view_of(), [thinned])
+    assert shown.at(8.1, 7.98) == ImageColor.getrgb(UNMAPPED)
+    assert shown.at(9.0, 2.18) != ImageColor.getrgb(UNMAPPED)
+
+
 # ---- elevators ----
 
 
@@ -476,6 +498,8 @@ fans = st.lists(
         first_rad=st.floats(-7, 7),
         step_rad=st.floats(0.001, 7),
         distances=st.lists(st.floats(), max_size=20).map(np.array),
+        is_virtual=st.booleans(),
+        unmapped=st.lists(st.booleans(), max_size=25).map(lambda marks: np.array(marks, bool)),
     ),
     max_size=3,
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import subprocess
@@ -17,13 +18,18 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
+from robocorba.commands.replay import scans_at
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.map_editor.model import Building, Floor, FloorMap
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.map_editor.spatial.floor_update import MOTION, Body, BodyKind, FloorUpdate
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.simulation.recorded_entries import dump_scan, load_scan
 from robocorba.simulation.recording import CHUNK_S, MAP_ATTACHMENT, PROFILE, SCHEMA, Recorder, Recording
+from robocorba.simulation.robot_scans import from_sensor
 from testkit.buildings import two_floors
+from tests.simulation.places import scan
 
 BEGAN = 1.7e9
 SMALL = Building("b", {"L1": FloorMap(Floor(name="L1", level=1, elevation=0.0))})
@@ -105,6 +111,48 @@ def test_a_recording_is_read_as_it_was_written(tmp_path: Path, steps: list[tuple
     assert [at for at, _ in read] == pytest.approx([at - found.began for at in times], abs=1e-6)
     if steps:
         assert found.duration_s == pytest.approx(times[-1] - times[0], abs=1e-6)
+
+
+def test_scans_are_read_with_what_no_map_has(tmp_path: Path) -> None:
+    marks = np.array([False, True, False, True, False])
+    own = scan("A", 1.0, distances=np.full(5, 2.5), hits=marks, is_virtual=False, unmapped=marks)
+    written = [scan("B"), own, own._replace(time=1.5), scan("A", floor="L2")]
+    with Recorder(tmp_path / "a.mcap", two_floors()) as recorder:
+        recorder.write(moved("L1", 1, 0.0), BEGAN)
+        for number, each in enumerate(written):
+            recorder.write_scan(each, BEGAN + number)
+    found = list(Recording(tmp_path / "a.mcap").scans("L1"))
+    assert [(at_s, seen.robot, seen.time) for at_s, seen in found] == [
+        (0.0, "B", 1.0),
+        (1.0, "A", 1.0),
+        (2.0, "A", 1.5),
+    ]
+    assert [(seen.is_virtual, seen.unmapped.tolist()) for _, seen in found[:2]] == [(True, []), (False, marks.tolist())]
+    drawn = scans_at(Recording(tmp_path / "a.mcap"), "L1")
+    assert [[each.robot for each in drawn(at_s)] for at_s in (0.0, 1.0, 1.5, 2.9, 3.1)] == [
+        ["B"],
+        ["B", "A"],
+        ["A"],
+        ["A"],
+        [],
+    ]
+    before = msgspec.msgpack.decode(dump_scan(own))
+    del before["isVirtual"], before["unmapped"]  # of an earlier release
+    seen = load_scan(msgspec.msgpack.encode(before))
+    assert (seen.is_virtual, len(seen.unmapped)) == (True, 0)
+    with pytest.raises(ValueError, match="8 hits, 0 marks of 9 rays"):
+        load_scan(msgspec.msgpack.encode({**before, "distances": bytes(36)}))
+
+
+def test_a_scan_is_drawn_from_its_sensor() -> None:
+    at = Pose("L1", 1.0, 2.0, math.pi / 2)
+    drawn = from_sensor(scan("A", rim_m=0.4, distances=np.full(5, 2.5))._replace(at=at, mount=(0.2, 0.1, 0.3)))
+    assert drawn.at == pytest.approx(("L1", 0.9, 2.2, math.pi / 2 + 0.3))
+    assert (drawn.distances.tolist(), drawn.first_rad, drawn.step_rad) == ([2.9] * 5, -1.0, 0.5)
+    hits = np.array([True, False, True, False, False])
+    lost = from_sensor(scan("A", distances=np.array([2.0, 8.0, 3.0, 8.0, 8.0]), hits=hits))
+    assert lost.distances.tolist() == [2.0, 2.0, 3.0, 8.0, 8.0]
+    assert len(from_sensor(scan("A", distances=np.full(1, 2.0), hits=np.ones(1, bool))).distances) == 1
 
 
 def test_any_mcap_tool_can_read_it(tmp_path: Path) -> None:

@@ -15,6 +15,8 @@ from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate
 from robocorba.map_editor.spatial.posture import Posture
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 from robocorba.orb.orb import Orb
+from robocorba.robot.corba.remote_scans import live_scans
+from robocorba.robot.live_scans import LiveScans, robots_on
 from robocorba.simulation.corba.remote_database import RemoteDatabase, RemoteFloors
 from robocorba.simulation.mission_record import MissionState
 from robocorba.simulation.robot_scans import RobotScan
@@ -30,19 +32,25 @@ MAX_KEPT = 10_000
 
 
 def live_system(orb: Orb, floors: Sequence[str] = (), with_scans: bool = True) -> LiveSystem:
-    """The running system, by default with all floors."""
-    return LiveSystem(RemoteFloors(orb, floors), RemoteDatabase(orb, 0.0), RemoteMissionControl(orb, 0.0), with_scans)
+    """The running system, by default with all floors; `close` it at the end."""
+    database, control = RemoteDatabase(orb, 0.0), RemoteMissionControl(orb, 0.0)
+    return LiveSystem(RemoteFloors(orb, floors), database, control, with_scans, live_scans(orb))
 
 
 class LiveSystem:
-    """What is new in the running system. Not thread-safe. with_scans: read scans; sensors then report them more
-    often."""
+    """What is new in the running system. Not thread-safe. with_scans: read the scans of programs, and those of actual
+    robots' own sensors, which are asked; may be changed. sensed: asks them; None leaves them out."""
 
     def __init__(
-        self, floors: RemoteFloors, database: RemoteDatabase, control: RemoteMissionControl, with_scans: bool = True
+        self,
+        floors: RemoteFloors,
+        database: RemoteDatabase,
+        control: RemoteMissionControl,
+        with_scans: bool = True,
+        sensed: LiveScans | None = None,
     ) -> None:
         self._floors, self._database, self._control = floors, database, control
-        self._with_scans = with_scans
+        self.with_scans, self._sensed = with_scans, sensed
         self._sensors_at_s = self._missions_at_s = 0.0
         self._mission_version = 0
         #: Simulated times of the last posture of each robot, and of the last scan of each of its sensors.
@@ -50,6 +58,15 @@ class LiveSystem:
         self._scan_times: dict[tuple[object, ...], float] = {}
         #: The floors of the changes that were returned last.
         self._seen: set[str] = set()
+
+    @property
+    def actual(self) -> frozenset[str]:
+        """The robots whose sensors are known to be their own."""
+        return self._sensed.actual if self._sensed else frozenset()
+
+    def close(self) -> None:
+        if self._sensed:
+            self._sensed.close()
 
     def begin(self, limit_s: float) -> SystemChanges:
         """All that there is. For `limit_s` servers that are restarting are waited for; raises as `follow` then."""
@@ -80,11 +97,12 @@ class LiveSystem:
         scans: list[RobotScan] = []
         missions: list[MissionState] = []
         if now_s >= self._sensors_at_s:
-            self._sensors_at_s = now_s + SENSORS_S
+            self._sensors_at_s = max(now_s, self._sensors_at_s + SENSORS_S)
             for update in updates:
                 with contextlib.suppress(UnknownFloor):  # it has been removed meanwhile
                     postures += self._new_postures(update)
-                    scans += self._new_scans(update) if self._with_scans else ()
+                    scans += self._new_scans(update) if self.with_scans else ()
+            scans += self._new_own_scans(updates) if self.with_scans else ()
         if now_s >= self._missions_at_s:
             self._missions_at_s = now_s + 0.5
             with contextlib.suppress(NotReachable):  # floors are followed without it
@@ -98,7 +116,17 @@ class LiveSystem:
 
     def _new_scans(self, update: FloorUpdate) -> list[RobotScan]:
         found = self._database.scans_since(update.floor, update.time - SENSORS_S - OVERLAP_S)
-        return [each for each in found if _is_new(self._scan_times, (each.robot, *each.sensor), each.time, update.time)]
+        return [each for each in found if self._is_new_scan(each, update.time)]
+
+    def _new_own_scans(self, updates: Sequence[FloorUpdate]) -> list[RobotScan]:
+        """Those of actual robots: the virtual sensors are not asked, since all that they see is known."""
+        views = self._floors.views
+        robots = [robot for update in updates if update.floor in views for robot in robots_on(views[update.floor])]
+        found = self._sensed.read(robots, with_virtual=False) if self._sensed else []
+        return [each for each in found if self._is_new_scan(each, each.time)]
+
+    def _is_new_scan(self, scan: RobotScan, now_s: float) -> bool:
+        return _is_new(self._scan_times, (scan.robot, *scan.sensor), scan.time, now_s)
 
 
 def _empty(floor: str, last: FloorUpdate) -> FloorUpdate:

@@ -4,15 +4,16 @@
 // "connection", "floor", "plan", "state", "past", "scans", "postures" (both with the floor), "reservations",
 // "missions".
 //
-// A page says what it wants: {"watch": [floors], "scans": [floors], "postures": [floors], "reservations": true}; all
-// but `watch` may be missing. Beside frames it gets, as JSON:
+// A page says what it wants: {"watch": [floors], "scans": [floors], "robots": [names], "postures": [floors],
+// "reservations": true}; all but `watch` may be missing. Scans of `robots` go before others. Beside frames it gets, as
+// JSON:
 //   {"scans": {"floor": "L1", "whole": true, "scans": [scan, ...], "gone": [key, ...]}}
 //     a scan: {"key": "R1/laser", "robot": "R1", "sensor": "laser", "time": 12.3, "pose": {"x", "y", "heading"},
 //     "mount": {"ahead", "left", "heading"}, "angles": {"first", "step", "count"}, "range": 8, "rim": 0,
-//     "ranges": [...], "hits": [0, 1, ...]}. `pose` is the robot's, `mount` that of the sensor in the robot's frame;
-//     ray k points to the mount's heading + first + k * step; `ranges` are its lengths from the sensor's middle, where
-//     hits[k] is 0 to the end of its reach; rays begin at `rim`. `sensor` is "laser", "proximity", or "sensor 1" and so
-//     on for others.
+//     "ranges": [...], "hits": [0, 1, 2, ...], "virtual": true}. `pose` is the robot's, `mount` that of the sensor in
+//     the robot's frame; ray k points to the mount's heading + first + k * step; `ranges` are its lengths from the
+//     sensor's middle, where hits[k] is 0 to the end of its reach, 2 to what no map has; rays begin at `rim`. `sensor`
+//     is "laser", "proximity", or "sensor 1" and so on for others. `virtual` is false for an actual robot's own sensor.
 //   {"postures": {"floor": "L1", "whole": true, "robots": {"R1": [joints]}, "gone": ["R2"]}}
 //   {"reservations": [{"robot": "R1", "phase": "granted" or "waiting", "ahead": 0, "left": 12.0,
 //     "areas": [{"floor": "L1", "polygon": [[x, y], ...]}]}]}
@@ -116,8 +117,9 @@ class Live {
     return () => this.listeners.delete(listener);
   }
 
-  // What a component wants to see: {floors: [names], scans: [names], postures: [names], reservations: bool, missions:
-  // bool}; for scans and postures, true stands for `floors`. Replaces what it wanted before; without arguments: nothing any more.
+  // What a component wants to see: {floors: [names], scans: [names], robot: name, postures: [names], reservations: bool,
+  // missions: bool}; for scans and postures, true stands for `floors`. Replaces what it wanted before; without arguments:
+  // nothing any more.
   want(component, what) {
     if (what) this.wanted.set(component, what);
     else this.wanted.delete(component);
@@ -212,6 +214,7 @@ class Live {
     const watch = new Set();
     const scans = new Set();
     const postures = new Set();
+    const robots = new Set();
     let reservations = false;
     let missions = false;
     for (const what of this.wanted.values()) {
@@ -220,6 +223,7 @@ class Live {
       add(watch, floors);
       add(scans, what.scans);
       add(postures, what.postures);
+      if (what.robot) robots.add(what.robot);
       reservations ||= Boolean(what.reservations);
       missions ||= Boolean(what.missions);
     }
@@ -231,8 +235,8 @@ class Live {
       }
     }
     if (!reservations) this.reservations = [];
-    const message = { watch: [...watch], scans: [...scans], postures: [...postures], reservations, missions };
-    this.socket.send(JSON.stringify(message));
+    const message = { watch: [...watch], scans: [...scans], robots: [...robots], postures: [...postures] };
+    this.socket.send(JSON.stringify({ ...message, reservations, missions }));
   }
 
   receive(data) {

@@ -13,6 +13,7 @@ import HappeningList from "/static/happening_list.js";
 import PastNote from "/static/past_note.js";
 import ProcessList from "/static/process_list.js";
 import RobotPanel from "/static/robot_panel.js";
+import { RayLegend } from "/static/sensor_views.js";
 import RobotTable from "/static/robot_table.js";
 import SimulationBar from "/static/simulation_bar.js";
 import TabList from "/static/tab_list.js";
@@ -23,7 +24,8 @@ const RIGHTS_MS = 5000;
 
 export default {
   components: {
-    ChannelGraph, HappeningList, PastNote, ProcessList, RobotPanel, RobotTable, SimulationBar, TabList, TimeBar,
+    ChannelGraph, HappeningList, PastNote, ProcessList, RayLegend, RobotPanel, RobotTable, SimulationBar, TabList,
+    TimeBar,
   },
   template: `
     <div class="console-split">
@@ -40,6 +42,7 @@ export default {
           <PastNote v-if="!past.isLive" :past="past" :events="events" @live="$refs.time.goLive()" />
           <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
+          <RayLegend v-if="past.isLive" :scans="seen" />
           <div class="console-tools" role="toolbar" aria-label="View">
             <q-btn v-for="tool in tools" :key="tool.name" dense round :color="tool.isOn ? 'accent' : 'primary'"
                    :icon="tool.icon" :aria-label="tool.title" :aria-pressed="tool.isOn" :title="tool.title"
@@ -71,7 +74,7 @@ export default {
     return {
       floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false,
         message: "connecting",
-      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], rights: {}, events: [],
+      sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], seen: [], rights: {}, events: [],
         channels: [],
       past: { isLive: true }, then: null, trouble: "",
       shown: { scans: true, ways: true, roads: false }, isMoving: false,
@@ -156,7 +159,7 @@ export default {
       this.note();
       this.updateThen();
       this.updateTable();
-      this.canvas.redraw();
+      this.showLayers();
     },
     isMoving() {
       if (!this.isMoving) this.drag.cancel();
@@ -201,12 +204,12 @@ export default {
       if (location.search) history.replaceState(history.state, "", location.pathname);
     },
     showLayers() {
-      const { current, shown } = this;
+      const { current, selected, shown } = this;
       this.scene.shown = shown;
       this.canvas.isShownRoadmap = shown.roads;
       live.want(this, current
-        ? { floors: [current], scans: shown.scans ? [current] : [], reservations: shown.ways, missions: true }
-          : undefined);
+        ? { floors: [current], scans: shown.scans ? [current] : [], robot: selected, reservations: shown.ways,
+          missions: true } : undefined);
       if (!shown.scans) this.scene.scans = [];
       this.canvas.redraw();
     },
@@ -285,6 +288,7 @@ export default {
     },
     takeScans() {
       this.scene.scans = this.shown.scans ? live.scansOn(this.current) : [];
+      this.seen = Object.freeze(this.scene.scans);
       this.scans = this.scene.scans.filter((scan) => scan.robot === this.selected);
     },
     async askRights() {

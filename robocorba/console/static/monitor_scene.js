@@ -1,6 +1,7 @@
 // What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being
 // moved.
 import { disc, line, polygon } from "/static/floor_canvas.js";
+import { areaRanges, hasAreas } from "/static/sensor_views.js";
 import { distanceTo } from "/static/segments.js";
 import { shortened, wrapped } from "/static/texts.js";
 import { ageText } from "/static/robot_rows.js";
@@ -56,7 +57,9 @@ export class MonitorScene {
       for (const reservation of this.reservations) this.drawReservation(context, reservation);
       for (const robot of this.robots.values()) this.drawWay(context, robot);
     }
-    if (!this.isPast && this.shown.scans) for (const scan of this.scans) this.drawScan(context, scan);
+    if (this.isPast || !this.shown.scans) return;
+    const hasArea = hasAreas(this.scans, this.canvas.selected);
+    for (const scan of this.scans) this.drawScan(context, scan, hasArea(scan));
   }
 
   above(context) {
@@ -106,39 +109,43 @@ export class MonitorScene {
     return this.lostRobots().find(({ at }) => Math.hypot(at.x - x, at.y - y) < reach);
   }
 
-  drawScan(context, { pose, mount, angles, ranges, hits, rim, sensor }) {
-    const { canvas } = this;
+  // The area that a sensor sees, with an outline if it is an actual robot's own, and what its rays hit.
+  drawScan(context, scan, hasArea) {
+    const { canvas } = this, { pose, mount, angles, ranges, hits, rim, sensor, virtual } = scan;
     const isLaser = sensor === "laser";
     const color = isLaser ? canvas.colors.laser : canvas.colors.proximity;
     const cos = Math.cos(pose.heading), sin = Math.sin(pose.heading);
     const x = pose.x + mount.ahead * cos - mount.left * sin, y = pose.y + mount.ahead * sin + mount.left * cos;
     const first = pose.heading + mount.heading + angles.first;
     const isRound = angles.step * ranges.length > 2 * Math.PI - 1.5 * angles.step;
-    context.fillStyle = context.strokeStyle = color;
-    context.globalAlpha = 0.14;
-    context.beginPath();
-    if (!isRound) context.moveTo(x + rim * Math.cos(first), y + rim * Math.sin(first));
-    ranges.forEach((range, k) => {
-      const angle = first + k * angles.step;
-      context.lineTo(x + range * Math.cos(angle), y + range * Math.sin(angle));
-    });
-    if (!isRound) {
-      const last = first + (ranges.length - 1) * angles.step;
-      context.lineTo(x + rim * Math.cos(last), y + rim * Math.sin(last));
+    const at = (k, range, more = 0) => {
+      const angle = first + k * angles.step + more;
+      return [x + range * Math.cos(angle), y + range * Math.sin(angle)];
+    };
+    if (hasArea) {
+      const last = ranges.length - 1;
+      const ends = isRound ? [] : [at(0, rim), at(last, rim)];
+      context.fillStyle = context.strokeStyle = color;
+      context.globalAlpha = 0.14;
+      polygon(context, [...ends.slice(0, 1), ...areaRanges(scan).map((range, k) => at(k, range)), ...ends.slice(1)]);
+      context.fill();
+      context.globalAlpha = 0.8;
+      context.lineWidth = canvas.px(1.5);
+      if (!virtual) context.stroke();
     }
-    context.closePath();
-    context.fill();
-    context.globalAlpha = isLaser ? 0.9 : 1;
-    context.lineWidth = canvas.px(isLaser ? 2 : 4);
-    context.beginPath();
     const half = Math.max(Math.abs(angles.step) / 2, 0.004);
-    ranges.forEach((range, k) => {
-      if (!hits[k]) return;
-      const angle = first + k * angles.step;
-      context.moveTo(x + range * Math.cos(angle - half), y + range * Math.sin(angle - half));
-      context.lineTo(x + range * Math.cos(angle + half), y + range * Math.sin(angle + half));
-    });
-    context.stroke();
+    for (const [kind, kindColor, width] of [[1, color, isLaser ? 2 : 4], [2, canvas.colors.unmapped, 5]]) {
+      context.strokeStyle = kindColor;
+      context.globalAlpha = isLaser && kind === 1 ? 0.9 : 1;
+      context.lineWidth = canvas.px(width);
+      context.beginPath();
+      ranges.forEach((range, k) => {
+        if (hits[k] !== kind) return;
+        context.moveTo(...at(k, range, -half));
+        context.lineTo(...at(k, range, half));
+      });
+      context.stroke();
+    }
     context.globalAlpha = 1;
   }
 

@@ -1,8 +1,12 @@
-// Rays of laser and proximity sensors in a 3D scene: a fan for each scan, and points where rays hit something.
+// Rays of laser and proximity sensors in a 3D scene: a fan for each scan, with an outline if the sensor is an actual
+// robot's own, and points where rays hit something.
+import { COLORS } from "/static/floor_canvas.js";
+import { areaRanges, hasAreas } from "/static/sensor_views.js";
 import { THREE } from "nicegui-scene";
 
-// Red, green and blue of fans and hits, by the sensor's name; others have the last one.
-const COLORS = { laser: [0.0, 0.45, 0.7], proximity: [0.85, 0.45, 0.0], other: [0.35, 0.35, 0.4] };
+// Colours of fans and hits by the sensor's name; others have the third one. Those of the light page are seen on both.
+const { laser, proximity, lost: other, unmapped } = COLORS.light;
+const KINDS = { laser, proximity, other };
 // Half the angle of a beam that stands for a single ray [rad].
 const BEAM_RAD = 0.06;
 // Rays drawn at most; those of other scans are left out.
@@ -18,22 +22,30 @@ export class RayFans {
     this.fans = new THREE.Mesh(new THREE.BufferGeometry(), new THREE.MeshBasicMaterial(glass));
     const points = new THREE.PointsMaterial({ vertexColors: true, size: 0.06 });
     this.hits = new THREE.Points(new THREE.BufferGeometry(), points);
-    for (const mesh of [this.fans, this.hits]) {
+    const lines = new THREE.LineBasicMaterial({ vertexColors: true });
+    this.outlines = new THREE.LineSegments(new THREE.BufferGeometry(), lines);
+    for (const mesh of [this.fans, this.hits, this.outlines]) {
       mesh.frustumCulled = false;
       view.scene.add(mesh);
     }
   }
 
-  // scans: as live.scansOn() has them, each with the height `z` of its floor.
-  set(scans) {
-    const fan = { positions: [], colors: [] }, hit = { positions: [], colors: [] };
+  // scans: as live.scansOn() has them, each with the height `z` of its floor. selected: a robot, or empty.
+  set(scans, selected) {
+    // Most robots rest: nothing is drawn anew then.
+    const drawn = scans.map(({ key, pose, ranges, hits, z }) => [key, pose, ranges, hits, z]);
+    const seen = JSON.stringify([selected, drawn]);
+    if (seen === this.seen) return;
+    this.seen = seen;
+    const [fan, hit, outline] = [0, 1, 2].map(() => ({ positions: [], colors: [] }));
+    const hasArea = hasAreas(scans, selected);
     let rays = 0;
     for (const scan of scans) {
       rays += scan.ranges.length;
       if (rays > MOST_RAYS) break;
-      this.add(scan, fan, hit);
+      this.add(scan, hasArea(scan), fan, hit, outline);
     }
-    for (const [mesh, { positions, colors }] of [[this.fans, fan], [this.hits, hit]]) {
+    for (const [mesh, { positions, colors }] of [[this.fans, fan], [this.hits, hit], [this.outlines, outline]]) {
       mesh.geometry.dispose();
       mesh.geometry = new THREE.BufferGeometry();
       mesh.geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
@@ -42,9 +54,9 @@ export class RayFans {
     this.view.redraw();
   }
 
-  add(scan, fan, hit) {
-    const kind = scan.sensor in COLORS ? scan.sensor : "other";
-    const color = new THREE.Color().setRGB(...COLORS[kind], THREE.SRGBColorSpace).toArray();
+  add(scan, hasArea, fan, hit, outline) {
+    const kind = scan.sensor in KINDS ? scan.sensor : "other";
+    const color = new THREE.Color(KINDS[kind]).toArray(), strange = new THREE.Color(unmapped).toArray();
     const z = scan.z + this.heights[kind];
     const { pose, mount, angles, ranges, rim } = scan;
     const [cos, sin] = [Math.cos(pose.heading), Math.sin(pose.heading)];
@@ -55,23 +67,30 @@ export class RayFans {
     };
     // Rays far apart, such as those of eight proximity sensors, are narrow beams of their own.
     const isWide = Math.abs(angles.step) < 0.2;
-    for (let k = 0; k < ranges.length; k++) {
-      if (isWide && k + 1 < ranges.length) {
-        fan.positions.push(...end(k, rim), ...end(k, ranges[k]), ...end(k + 1, ranges[k + 1]));
+    ranges.forEach((range, k) => {
+      if (!scan.hits[k]) return;
+      hit.positions.push(...end(k, range));
+      hit.colors.push(...(scan.hits[k] === 2 ? strange : color));
+    });
+    const area = hasArea ? areaRanges(scan) : [];
+    area.forEach((range, k) => {
+      const next = k + 1;
+      if (isWide && next < area.length) {
+        fan.positions.push(...end(k, rim), ...end(k, range), ...end(next, area[next]));
+        if (!scan.virtual) outline.positions.push(...end(k, range), ...end(next, area[next]));
       } else if (!isWide) {
         const half = BEAM_RAD / angles.step;
-        fan.positions.push(...end(k, rim), ...end(k - half, ranges[k]), ...end(k + half, ranges[k]));
+        fan.positions.push(...end(k, rim), ...end(k - half, range), ...end(k + half, range));
       }
-      if (scan.hits[k]) {
-        hit.positions.push(...end(k, ranges[k]));
-        hit.colors.push(...color);
-      }
-    }
+      const isSide = !isWide || k === 0 || next === area.length;
+      if (!scan.virtual && isSide) outline.positions.push(...end(k, rim), ...end(k, range));
+    });
+    while (outline.colors.length < outline.positions.length) outline.colors.push(...color);
     while (fan.colors.length < fan.positions.length) fan.colors.push(...color);
   }
 
   close() {
-    for (const mesh of [this.fans, this.hits]) {
+    for (const mesh of [this.fans, this.hits, this.outlines]) {
       mesh.geometry.dispose();
       mesh.removeFromParent();
     }

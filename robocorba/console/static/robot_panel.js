@@ -4,10 +4,11 @@ import { call } from "/static/live.js";
 import { clockText } from "/static/past.js";
 import { displayText } from "/static/robot_display.js";
 import { ageText, degrees } from "/static/robot_rows.js";
+import { isRing, ProximityRing, sensorFact } from "/static/sensor_views.js";
 import SureButton from "/static/sure_button.js";
 
 export default {
-  components: { SureButton },
+  components: { ProximityRing, SureButton },
   // past: as the time bar says it; then: the robot's body on the shown floor at that moment, or null.
   props: {
     robot: Object, scans: Array, rights: Object, floors: Array, past: Object, then: Object, process: Object,
@@ -51,7 +52,8 @@ export default {
         <h3 class="console-heading">Now</h3>
       </template>
       <dl class="console-facts" :class="{ 'is-now': !past.isLive }">
-        <template v-for="[name, value] in facts" :key="name"><dt>{{ name }}</dt><dd>{{ value }}</dd></template>
+        <template v-for="[name, value] in facts" :key="name"><dt>{{ name }}</dt><dd>{{ value }}
+          <ProximityRing v-if="name === ring?.sensor" :scan="ring" /></dd></template>
       </dl>
     </section>`,
   data() {
@@ -59,8 +61,11 @@ export default {
   },
   computed: {
     facts() {
-      return [...stateFacts(this.robot), ...sensorFacts(this.scans), ...programFacts(this.robot),
+      return [...stateFacts(this.robot), ...this.scans.map(sensorFact), ...programFacts(this.robot),
         ...reachFacts(this.robot)];
+    },
+    ring() {
+      return this.scans.find(isRing);
     },
     factsThen() {
       if (!this.then) return [["pose", "not on the shown floor"]];
@@ -130,16 +135,6 @@ function stateFacts({ at, agent, client, condition, display, problem, age, missi
   if (client?.since) rows.push(["logged on", new Date(client.since * 1000).toLocaleTimeString(undefined,
     { hourCycle: "h23" })]);
   return rows;
-}
-
-function sensorFacts(scans) {
-  return scans.map((scan) => {
-    const seen = scan.ranges.filter((_, k) => scan.hits[k]).map((range) => range - scan.rim);
-    const nearest = seen.length
-      ? `nearest ${Math.min(...seen).toFixed(2)} m, ${seen.length} of ${scan.ranges.length} rays hit`
-        : "nothing within";
-    return [scan.sensor, `${nearest}${seen.length ? "" : ` ${scan.range.toFixed(1)} m`}`];
-  });
 }
 
 function programFacts({ agent }) {

@@ -8,6 +8,7 @@ import { RobotCrowd } from "/static/robot_crowd.js";
 import { loadRobotShape } from "/static/robot_model.js";
 import { HappeningFeed } from "/static/happening_feed.js";
 import PastNote from "/static/past_note.js";
+import { RayLegend } from "/static/sensor_views.js";
 import { SceneView } from "/static/scene_view.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
 import { cameraMethods } from "/static/simulator3d_camera.js";
@@ -22,7 +23,7 @@ const STACK_SPREAD = 2.5;
 const STACKED = "\u0000stack";
 
 export default {
-  components: { HandSteps, PastNote, TimeBar },
+  components: { HandSteps, PastNote, RayLegend, TimeBar },
   template: `
     <div class="scene-page">
       <div class="console-tabs">
@@ -64,10 +65,12 @@ export default {
           <q-btn dense round color="primary" icon="download" aria-label="The robot as URDF" title="the robot as URDF"
                  type="a" href="/robot.urdf" />
         </div>
+        <RayLegend v-if="!selected" :scans="scans" />
         <section v-if="selected" class="scene-facts" aria-label="Selected robot">
           <h2 class="console-heading"><bdi>{{ selected }}</bdi></h2>
           <dl class="console-facts"><template v-for="[name, value] in facts" :key="name">
             <dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
+          <RayLegend :scans="scans" />
           <template v-if="isPosing">
             <div class="console-actions">
               <label>hand <select v-model="side" aria-label="Hand">
@@ -86,7 +89,7 @@ export default {
     return {
       floors: [], counts: {}, current: "", stacked: STACKED, source: "", robots: [], selected: "", isFollowing: false,
       hasRays: true, hasNames: true, isPosing: false, cut: CUT_M, message: "loading the robot's model", side: "left",
-      facts: [], words: "", problem: "", past: { isLive: true }, events: [],
+      facts: [], words: "", problem: "", scans: [], past: { isLive: true }, events: [],
     };
   },
   computed: {
@@ -193,7 +196,7 @@ export default {
       const shown = this.shown();
       const floors = this.isPool || !this.past.isLive ? [] : shown;
       const scans = this.hasRays && this.past.isLive ? shown : [];
-      live.want(this, { floors, postures: floors, scans, missions: true });
+      live.want(this, { floors, postures: floors, scans, robot: this.selected, missions: true });
     },
     loadPlans() {
       if (!this.view) return;
@@ -265,7 +268,9 @@ export default {
       this.followed = "";
       if (!this.selected) this.isFollowing = false;
       this.connect();
+      this.want();
       this.updateFacts();
+      this.updateRays();
       this.update();
     },
     isFollowing() {

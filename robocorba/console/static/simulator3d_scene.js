@@ -3,6 +3,7 @@ import { live } from "/static/live.js";
 import { RobotLink } from "/static/robot_link.js";
 import { displayText } from "/static/robot_display.js";
 import { LOST_S, ageText } from "/static/robot_rows.js";
+import { sensorFact } from "/static/sensor_views.js";
 
 export const sceneMethods = {
   update() {
@@ -83,6 +84,7 @@ export const sceneMethods = {
     }
     if (robot) rows.push(["speed", `${robot.speed.toFixed(2)} m/s`]);
     if (this.isPool && this.link?.pool) rows.push(["data pool", `${(1000 * this.link.pool.lag).toFixed(0)} ms old`]);
+    if (this.hasRays) rows.push(...this.scans.filter((scan) => scan.robot === this.selected).map(sensorFact));
     if (this.link?.path.length) rows.push(["path", `${this.link.path.length} points`]);
     this.facts = rows;
   },
@@ -94,7 +96,8 @@ export const sceneMethods = {
     }
     // Those of the selected robot first, since the number of rays is limited.
     scans.sort((one, other) => (other.robot === this.selected) - (one.robot === this.selected));
-    this.rays.set(scans);
+    this.rays.set(scans, this.selected);
+    this.scans = Object.freeze(scans);
   },
   updateGhost() {
     const path = [];

@@ -1,4 +1,4 @@
-"""Client of the virtual sensor servers for programs without a robot of their own: laser scans from places of robots."""
+"""Client of the virtual sensor servers for programs without a robot of their own: scans from places of robots."""
 
 from __future__ import annotations
 
@@ -19,19 +19,24 @@ from robocorba.system.names import SENSORS
 
 
 class RemoteLasers:
-    """Asks one server as long as it answers, then the next one. Not thread-safe."""
+    """Asks one server as long as it answers, then the next one. Thread-safe."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
         self._name = ""
         self._sensor: RemoteObject | None = None
 
-    def scans(self, robots: Sequence[tuple[str, Pose]], time_s: float) -> list[RobotScan]:
-        """A scan for each robot from its pose at a simulated time [s], by the laser range finder of robots' programs,
-        at its centre; it does not see itself.
+    def scans(
+        self,
+        robots: Sequence[tuple[str, Pose]],
+        time_s: float,
+        spec: ScanSpec = ScanSpec(LASER),  # noqa: B008
+        mount: Mount = Mount(),  # noqa: B008
+    ) -> list[RobotScan]:
+        """A scan for each robot from its pose at a simulated time [s], by default by the laser range finder of robots'
+        programs, at its centre; it does not see itself.
 
-        Raises NotReachable, SensorBehind, UnknownFloor."""
-        spec, mount = ScanSpec(LASER), Mount()
+        Raises NotReachable, SensorBehind, UnknownFloor, InvalidScan."""
         places, wanted = [at for _, at in robots], (RoboCorba.Mount(*mount), scans.spec(spec))
         try:
             found = self._find().call(lambda sensor: sensor.scanMany(places, *wanted))
@@ -45,12 +50,13 @@ class RemoteLasers:
 
     def _find(self) -> RemoteObject:
         """The server that answered last, else the next one. Raises NotReachable."""
-        if self._sensor is None:
+        found = self._sensor
+        if found is None:
             names = sorted(self._orb.names(SENSORS))
             if not names:
                 raise NotReachable("no virtual sensor server is bound")
             self._name = next((name for name in names if name > self._name), names[0])
-            self._sensor = RemoteObject(
+            self._sensor = found = RemoteObject(
                 self._orb,
                 f"{SENSORS}/{self._name}",
                 RoboCorba.VirtualSensor,
@@ -58,4 +64,4 @@ class RemoteLasers:
                 resolve_timeout_s=0.5,
                 call_timeout_s=1.0,
             )
-        return self._sensor
+        return found

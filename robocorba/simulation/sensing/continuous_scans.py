@@ -17,15 +17,17 @@ OWN_SCAN_S = 1.0
 
 class ContinuousScans:
     """Scans in a thread of its own, `rate_hz` times a second, until `close`. scans_of: scans for each of these robots
-    from its pose at a simulated time [s]. places: of the robots, and their simulated time [s]."""
+    from its pose at a simulated time [s]. places: of the robots, and their simulated time [s]. actual: names of robots
+    that have sensors of their own."""
 
     def __init__(
         self,
         scans_of: Callable[[Sequence[tuple[str, Pose]], float], list[RobotScan]],
         places: Callable[[], tuple[float, Mapping[str, RobotPlace]]],
         rate_hz: float,
+        actual: Callable[[], Collection[str]] = tuple,
     ) -> None:
-        self._scans_of, self._places = scans_of, places
+        self._scans_of, self._places, self._actual = scans_of, places, actual
         self._lock = threading.Lock()
         self._own_scan_at_s: dict[str, float] = {}
         self._last_s = -1.0
@@ -50,6 +52,7 @@ class ContinuousScans:
 
     def _scan(self) -> None:
         time_s, places = self._places()
+        actual = self._actual()
         with self._lock:
             self._own_scan_at_s = {
                 name: at_s
@@ -59,7 +62,7 @@ class ContinuousScans:
             robots = [
                 (name, Pose(place.floor, place.x, place.y, place.heading))
                 for name, place in places.items()
-                if name not in self._own_scan_at_s
+                if name not in self._own_scan_at_s and name not in actual
             ]
         if not robots or time_s == self._last_s:
             return

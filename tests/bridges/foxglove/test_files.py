@@ -160,7 +160,8 @@ def test_a_recording_has_what_was_written(recording: Recording) -> None:
     (seen,) = (scan for moment in moments for scan in moment.scans)
     begun, ended = (mission for moment in moments for mission in moment.missions)
     assert posture == POSTURE
-    assert seen._replace(distances=0, hits=0) == SCAN._replace(distances=0, hits=0)  # type: ignore[arg-type]
+    rows = {"distances": 0, "hits": 0, "unmapped": 0}
+    assert seen._replace(**rows) == SCAN._replace(**rows)  # type: ignore[arg-type]
     assert (seen.distances.tolist(), seen.hits.tolist()) == (SCAN.distances.tolist(), SCAN.hits.tolist())
     assert begun == MissionState("m1", 0, MISSION)
     assert b'"attempts"' not in dump_mission("m1", MISSION)  # mission control's states don't have it

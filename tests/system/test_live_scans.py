@@ -1,0 +1,168 @@
+"""What the sensors of virtual and actual robots see, in the console and `robocorba watch`; without viewers none is
+asked."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+import time
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from robocorba.map_editor import native
+from robocorba.map_editor.model import BoxShape, MapObject
+from robocorba.orb.orb import Orb
+from robocorba.robot.corba.adaptor_servant import SensingAdaptorServant
+from robocorba.robot.senses import Ranges
+from robocorba.stubs import RoboCorba
+from testkit.actual_robot import running_stand_in
+from testkit.browser import chromium, headless
+from testkit.buildings import two_floors, with_all
+from testkit.processes import eventually, read_json, running_system
+from testkit.virtual_and_actual import RobotProcess, robot_process
+from tests.system.test_senses import START, Standing
+
+pytest.importorskip("nicegui", reason="the console's packages are not installed")
+client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+
+PATIENCE_S = 120.0
+#: Where the actual robot begins, and its radius; the front of the chair before it [m].
+AT, RADIUS_M, CHAIR_X = (2.5, 5.5, 0.0), 0.4, 4.5
+
+
+class Counting(Standing):
+    """A driver in this process, and how often its laser was asked."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.asked = 0
+
+    def ranges(self, name: str) -> Ranges:
+        self.asked += 1
+        return super().ranges(name)
+
+
+class Place(NamedTuple):
+    """A virtual robot V, the actual one A before a chair that no map has, and one behind a driver that counts, C."""
+
+    orb: Orb
+    address: str
+    driver: Counting
+    virtual: RobotProcess
+
+    def scan_rate(self) -> float:
+        """Scans per second of all virtual sensors."""
+        server = self.orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+        return sum(sensor.load.scanRate for sensor in server.sensors())
+
+    def time_s(self) -> float:
+        """Simulated time [s]."""
+        return float(self.orb.resolve("SimulationServer", RoboCorba.SimulationServer)._get_state().time)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
+    folder = tmp_path_factory.mktemp("scans")
+    for name in ("system", "V", "A", "C"):
+        (folder / name).mkdir()
+    native.save(two_floors(), folder / "building.yaml")
+    chair = MapObject(name="chair", shape=BoxShape(size=(0.5, 0.5)), at=(CHAIR_X + 0.25, AT[1]))
+    native.save(with_all(two_floors(), [("L1", chair)]), folder / "world.yaml")
+    world = ("--world", str(folder / "world.yaml"), "--world-at", *map(str, AT), "--range-noise", "0.005")
+    building = ("--building", str(folder / "building.yaml"))
+    with contextlib.ExitStack() as stack:
+        console = ("--console", "--console-port", "0")
+        running, _ = stack.enter_context(running_system(folder / "system", *building, *console))
+        orb = stack.enter_context(Orb(running.naming))
+        orb.accept_calls()
+        driver = Counting()
+        uri = orb.uri(orb.activate(SensingAdaptorServant(driver)))
+        stand_in = stack.enter_context(running_stand_in(folder / "robot", *world, orb=orb))
+
+        def robot(name: str, at: str, *more: str) -> RobotProcess:
+            where = ("--floor", "L1", "--at", at, "--protect", "off")
+            return stack.enter_context(robot_process(folder / name, orb, name, *where, *more))
+
+        robot("A", ",".join(map(str, AT)), "--adaptor", "smartpal", "--", "--naming", str(stand_in.naming))
+        robot("C", ",".join(map(str, START)), "--adaptor", "corba", "--", "--uri", uri)
+        virtual = robot("V", "8.0,1.0")
+        yield Place(orb, running.record().console_address, driver, virtual)
+
+
+def test_a_page_sees_the_sensors_of_all_robots_and_nobody_is_asked_for_nobody(place: Place) -> None:
+    asked_before = place.driver.asked
+    eventually(lambda: place.scan_rate() == 0.0, PATIENCE_S, "that nobody scans")
+    assert place.driver.asked == asked_before
+    last: dict[str, Any] = {}
+    times: dict[str, list[float]] = {}
+    with client.connect(place.address.replace("http", "ws") + "live") as page:
+        page.send(json.dumps({"watch": ["L1"], "scans": ["L1"]}))
+        began = time.monotonic()
+        while len(times) < 5 or min(map(len, times.values())) < 20:
+            assert time.monotonic() < began + PATIENCE_S, {key: len(each) for key, each in times.items()}
+            message = page.recv(timeout=PATIENCE_S)
+            for scan in json.loads(message).get("scans", {}).get("scans", ()) if isinstance(message, str) else ():
+                times.setdefault(scan["key"], []).append(scan["time"])
+                last[scan["key"]] = scan
+        # Ten times a second, and one more in which each begins; the thread's pauses may be a little short.
+        assert max(map(len, times.values())) <= 11.0 * (time.monotonic() - began) + 2
+    assert sorted(times) == ["A/laser", "A/proximity", "C/laser", "V/laser", "V/proximity"]
+    assert all(each == sorted(each) for each in times.values())
+    assert {key: scan["virtual"] for key, scan in last.items() if key.endswith("laser")} == {
+        **{"A/laser": False, "C/laser": False, "V/laser": True},
+    }
+    hits, ranges = np.array(last["A/laser"]["hits"]), np.array(last["A/laser"]["ranges"])
+    bearings = np.radians(np.arange(-90, 91))
+    at_chair = np.abs(ranges * np.cos(bearings) - (CHAIR_X - AT[0])) < 0.1
+    at_chair &= np.abs(ranges * np.sin(bearings)) < 0.25
+    assert at_chair.sum() > 10
+    assert (hits == 2).tolist() == at_chair.tolist()
+    assert 2 not in last["V/laser"]["hits"]
+    assert place.driver.asked >= asked_before + 20
+
+    eventually(lambda: place.scan_rate() == 0.0, PATIENCE_S, "that nobody scans any more")
+    asked, until_s = place.driver.asked, place.time_s() + 3.0
+    eventually(lambda: place.time_s() > until_s, PATIENCE_S, "three seconds")
+    assert (place.driver.asked, place.scan_rate()) == (asked, 0.0)
+
+
+def test_watch_says_what_is_nearest_and_who_sees_it(place: Place) -> None:
+    place.driver.distance_m = 0.9
+
+    def seen() -> dict[str, tuple[float | None, str]]:
+        rows = read_json(place.virtual.robocorba("watch", "--json"))["robots"]
+        return {row["name"]: (row["nearest"], row["nearestIs"]) for row in rows}
+
+    found = eventually(lambda: (rows := seen()) and all(kind for _, kind in rows.values()) and rows, PATIENCE_S)
+    assert found["A"] == (pytest.approx(1.0, abs=0.001), "actual")  # nothing within reach of its proximity sensors
+    assert found["C"] == (pytest.approx(0.9 - RADIUS_M, abs=0.001), "in no map")
+    assert found["V"] == (pytest.approx(1.0 - RADIUS_M, abs=0.01), "virtual")  # the wall at its side
+    line = next(line for line in place.virtual.robocorba("watch", "--once").splitlines() if line.startswith("robot\tC"))
+    assert "\t0.50\tin no map\t" in line
+
+
+@pytest.mark.skipif(not chromium(), reason="there is no chromium on this machine")
+def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(place: Place) -> None:
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright, which moves the browser, is not installed")
+    sync.expect.set_options(timeout=PATIENCE_S * 1000.0)
+    with headless(chromium() or "") as browser:
+        page, troubles = browser.new_page(), list[str]()
+        page.on("pageerror", lambda error: troubles.append(str(error)))
+        for path, region in (("", "Robot"), ("3d", "Selected robot")):
+            for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
+                page.goto(f"{place.address}{path}?robot={robot}")
+                panel = page.get_by_label(f"Robot {robot}" if region == "Robot" else region, exact=True)
+                sync.expect(panel).to_contain_text(re.compile(fact))
+                legend = page.get_by_label("Rays of sensors")
+                for kind in ("laser", "proximity", "sensor of an actual robot", "virtual sensor", "in no map"):
+                    sync.expect(legend).to_contain_text(kind)
+            if region == "Robot":
+                sync.expect(page.get_by_label("Proximity [m]")).to_have_text(re.compile(r"free.*free.*0\.60"))
+                page.get_by_role("button", name="Lasers and proximity").click()
+                sync.expect(page.get_by_label("Rays of sensors")).to_have_count(0)
+        assert troubles == []
