@@ -22,7 +22,7 @@ from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import into, turned
 from robocorba.planning.request import PathPoint
 from robocorba.robot import model_switcher
-from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult, Question
 from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.display import Display, DisplayKind, display_of
 from robocorba.robot.emergency_stop import EmergencyStop
@@ -258,6 +258,18 @@ class ControlAgent:
     def step(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("step").execution.step()
+        self._calls.changed()
+
+    @property
+    def question(self) -> Question:
+        """What the program asks a person."""
+        return self._robot.execution.question if self._robot else Question()
+
+    def answer(self, number: int, is_yes: bool) -> None:
+        """Answer the question of this number, also while the program is paused. Raises IllegalOrder if that is not
+        asked at present."""
+        if not (self._robot and self._robot.execution.answer(number, is_yes)):
+            raise IllegalOrder("answer", "asks something else" if self.question.number else "asks nothing")
         self._calls.changed()
 
     def abort(self) -> None:

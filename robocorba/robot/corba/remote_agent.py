@@ -13,7 +13,7 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import Answer, translated
-from robocorba.robot.agent_state import AgentState, IconBegun
+from robocorba.robot.agent_state import AgentState, IconBegun, Question
 from robocorba.robot.corba import robot_states
 from robocorba.robot.display import Display, display_of
 from robocorba.robot.motion.robot_state import Velocity
@@ -53,6 +53,14 @@ class RemoteAgent:
     def display(self) -> Display:
         """What its touch panel shows."""
         return self._call(lambda: shown_by(self._agent))
+
+    def question(self) -> Question:
+        """What its program asks a person."""
+        return self._call(lambda: question_of(self._agent))
+
+    def answer(self, number: int, is_yes: bool) -> None:
+        """Raises IllegalOrder if this question is not asked at present."""
+        self._call(lambda: self._agent.answer(number, is_yes))
 
     def mission(self) -> str:
         """The mission that the robot leads or takes part in; empty for none."""
@@ -134,6 +142,15 @@ def shown_by(agent: Any) -> Display:
     except (CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT):
         state = robot_states.agent_state_of(agent._get_state())
         return display_of(state.condition, state.reason, state.program)
+
+
+def question_of(agent: Any) -> Question:
+    """What the program of a robot asks, by its reference. Robots of earlier releases ask nothing."""
+    try:
+        asked = agent._get_question()
+    except (CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT):
+        return Question()
+    return Question(asked.number, asked.text)
 
 
 def robots(orb: Orb) -> list[str]:
