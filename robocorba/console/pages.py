@@ -1,5 +1,5 @@
 """The console's pages: one table of them, and what all have: links to each other, the state of the connection, and the
-emergency stop at a fixed place."""
+emergency stop at a fixed place. The touch panel of a robot stands for itself."""
 
 from __future__ import annotations
 
@@ -34,6 +34,9 @@ PAGES = (
     Page("/missions", "Missions", "groups", "missions.js", ("map.css", "missions.css")),
 )
 
+#: The touch panel of a robot. A tablet shows it, so it leads nowhere else.
+PANEL = Page("/panel/{robot:path}", "Panel", "", "panel.js", ("panel.css",))
+
 #: Colours the page before anything else is loaded; page_header.js does the rest.
 _GROUND = """<script>{
   const wanted = localStorage.getItem("robocorba-dark");
@@ -56,6 +59,14 @@ def add_pages() -> None:
     for page in PAGES:
         _add(page)
 
+    class Panel(ui.element, component=STATIC / PANEL.script):
+        """The whole page of the robot in its property."""
+
+    @ui.page(PANEL.address)
+    def build(robot: str) -> None:
+        _add_head(PANEL, robot)
+        Panel()._props["robot"] = robot
+
 
 def _add(page: Page) -> None:
     class Content(ui.element, component=STATIC / page.script, esm=page.modules):
@@ -63,10 +74,14 @@ def _add(page: Page) -> None:
 
     @ui.page(page.address)
     def build() -> None:
-        sheets = "".join(f'<link rel="stylesheet" href="/static/{name}">' for name in (*page.styles, "console.css"))
-        ui.add_head_html(_GROUND + sheets)
-        ui.page_title(f"{page.title} - RoboCorba")
+        _add_head(page, page.title)
         with ui.element("div").classes("console-page"):
             PageHeader(page.title)
             with ui.element("main").classes("console-content"):
                 Content()
+
+
+def _add_head(page: Page, title: str) -> None:
+    sheets = "".join(f'<link rel="stylesheet" href="/static/{name}">' for name in (*page.styles, "console.css"))
+    ui.add_head_html(_GROUND + sheets)
+    ui.page_title(f"{title} - RoboCorba")

@@ -108,6 +108,8 @@ class ControlAgent:
         self._lock = threading.RLock()
         self._controller: HighController | None = None
         self._adaptor = ""
+        #: The arguments with which each adaptor can be started again.
+        self._argv: dict[str, Sequence[str]] = {}
         self._robot: Robot | None = None
         self._program: Program | None = None
         self._task: Task | None = None
@@ -152,7 +154,8 @@ class ControlAgent:
 
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
         """Replace the adaptor. The previous one is stopped first, and restarted if the new one can't be started. If it
-        can't be started either, the robot is stopped, and a reset starts it.
+        can't be started either, the robot is stopped, and a reset starts it. Empty argv: that with which the adaptor
+        was started last, but for its pose.
 
         Raises UnknownAdaptor, AdaptorFailed; IllegalOrder while a program runs."""
         with self._lock:
@@ -161,6 +164,7 @@ class ControlAgent:
             if controller is None:
                 raise IllegalOrder("switch the adaptor", "was never started")
             argv_before = controller.argv
+            argv = argv or self._argv.get(adaptor, ())
             model_switcher.make(adaptor, self._context)  # raises UnknownAdaptor before anything is stopped
             try:
                 self.session.state()  # and so does a server that is away
@@ -473,6 +477,7 @@ class ControlAgent:
                 raise AdaptorFailed(f"the robot of the adaptor {adaptor} has no range sensors for a protective field")
             _log.warning("the robot of the adaptor %s has no range sensors: no protective field", adaptor)
         self._controller, self._adaptor = controller, adaptor
+        self._argv[adaptor] = model_switcher.argv_again(argv)
         self._robot = Robot(controller, self.session, self._kinematics, self._planner, self._nearby)
 
     def _carried(self) -> BaseGeometry | None:
