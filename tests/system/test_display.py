@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import subprocess
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,7 +14,7 @@ from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from testkit.buildings import two_storeys
 from testkit.missions import MissionSystem, RobotStart, missions
-from testkit.processes import eventually, read_json
+from testkit.processes import ROBOCORBA, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -36,7 +37,7 @@ class Viewers:
 
     def all_show(self, robot: str, kind: str, text: str) -> None:
         """Wait until they all do."""
-        for viewer in (self._agent, self._console_page, self._watch):
+        for viewer in (self._agent, self._console_page, self._watch, self._status):
             seen: list[Any] = []
 
             def shows(viewer: Callable[[str], Any] = viewer, seen: list[Any] = seen) -> bool:
@@ -54,6 +55,12 @@ class Viewers:
     def _console_page(self, robot: str) -> tuple[str, str] | None:
         row = self._console.rows()["robots"].get(robot, {"state": None})
         return (row["state"]["display"]["kind"], row["state"]["display"]["text"]) if row["state"] else None
+
+    def _status(self, robot: str) -> tuple[str, str]:
+        command = (ROBOCORBA, "status", "--json", "--state", str(self.place.running.state))
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+        kind, text = read_json(answer.stdout)["robots"].get(robot, ("", ""))
+        return kind, text
 
     def _watch(self, robot: str) -> str:
         rows = read_json(self.place.printed("watch", "--json"))["robots"]

@@ -158,6 +158,18 @@ def robots(orb: Orb) -> list[str]:
     return orb.names(ROBOTS)
 
 
+def displays(orb: Orb) -> dict[str, Display | None]:
+    """What all robots show on their touch panels, by name; None for one that does not answer within a second. Raises
+    NotReachable."""
+    shown: dict[str, Display] = {}
+
+    def ask(agent: RemoteAgent) -> None:
+        shown[agent.name] = agent.display()
+
+    names = [name for name, _ in order_all(orb, robots(orb), ask, OrderLimits(16, 0.5, 1.0))]
+    return {name: shown.get(name) for name in names}
+
+
 def order_all(
     orb: Orb, names: Sequence[str], order: Callable[[RemoteAgent], None], limits: OrderLimits = URGENT
 ) -> Iterator[tuple[str, str]]:
