@@ -39,9 +39,7 @@ p{{color:#b00068;margin:0}}</style><form method="post" action="/login"><h1>RoboC
 </label><input id="password" name="password" type="password" autofocus required>
 <input type="hidden" name="robot" value="{robot}"><p role="alert">{problem}</p>
 <button>Log in</button></form></html>"""
-_PIN_FORM = Path(__file__).parent / "static" / "pin.html"
-#: Where panels are, and what they load.
-_PANEL, _PANEL_CALL, _PANEL_PARTS = "/panel/", "/panel-call/", ("/static/", "/_nicegui", "/favicon")
+_PANEL = "/panel/"
 
 
 class Access:
@@ -138,7 +136,8 @@ class Access:
         """The page that asks for the PIN of a robot, or for the password."""
         if robot not in self._pins:
             return _FORM.format(problem=problem, robot=escape(robot))
-        return _PIN_FORM.read_text().replace("{problem}", problem).replace("{robot}", escape(robot))
+        form = (Path(__file__).parent / "static" / "pin.html").read_text()
+        return form.replace("{problem}", problem).replace("{robot}", escape(robot))
 
     def _session(self, robot: str) -> str:
         """A cookie's value; it holds for this process only, so its time may be by the monotonic clock. robot: whose
@@ -162,9 +161,10 @@ class Access:
         if time.monotonic() >= float(until):
             return False
         path, name = scope["path"], bytes.fromhex(robot).decode()
-        if not name or path.startswith(_PANEL_PARTS) or path == _PANEL + name:
+        if not name or path == _PANEL + name or path.startswith(("/static/", "/_nicegui", "/favicon")):
             return True
-        return path.startswith(_PANEL_CALL) and path.removeprefix(_PANEL_CALL).partition("/")[2] == name
+        before, _, called = path.removeprefix("/panel-call/").partition("/")
+        return path == f"/panel-call/{before}/{called}" and called == name
 
 
 async def _form_in(request: Request) -> dict[str, list[str]] | None:

@@ -34,9 +34,6 @@ PAGES = (
     Page("/missions", "Missions", "groups", "missions.js", ("map.css", "missions.css")),
 )
 
-#: The touch panel of a robot. A tablet shows it, so it leads nowhere else.
-PANEL = Page("/panel/{robot:path}", "Panel", "", "panel.js", ("panel.css",))
-
 #: Colours the page before anything else is loaded; page_header.js does the rest.
 _GROUND = """<script>{
   const wanted = localStorage.getItem("robocorba-dark");
@@ -59,12 +56,12 @@ def add_pages() -> None:
     for page in PAGES:
         _add(page)
 
-    class Panel(ui.element, component=STATIC / PANEL.script):
-        """The whole page of the robot in its property."""
+    class Panel(ui.element, component=STATIC / "panel.js"):
+        """The touch panel of the robot in its property. A tablet shows it, so it leads nowhere else."""
 
-    @ui.page(PANEL.address)
+    @ui.page("/panel/{robot:path}")
     def build(robot: str) -> None:
-        _add_head(PANEL, robot)
+        _add_head(robot, "panel.css")
         Panel()._props["robot"] = robot
 
 
@@ -74,14 +71,14 @@ def _add(page: Page) -> None:
 
     @ui.page(page.address)
     def build() -> None:
-        _add_head(page, page.title)
+        _add_head(page.title, *page.styles)
         with ui.element("div").classes("console-page"):
             PageHeader(page.title)
             with ui.element("main").classes("console-content"):
                 Content()
 
 
-def _add_head(page: Page, title: str) -> None:
-    sheets = "".join(f'<link rel="stylesheet" href="/static/{name}">' for name in (*page.styles, "console.css"))
+def _add_head(title: str, *styles: str) -> None:
+    sheets = "".join(f'<link rel="stylesheet" href="/static/{name}">' for name in (*styles, "console.css"))
     ui.add_head_html(_GROUND + sheets)
     ui.page_title(f"{title} - RoboCorba")

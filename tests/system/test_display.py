@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import subprocess
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -10,10 +11,11 @@ from typing import Any
 import pytest
 
 from robocorba.console.system_state import SystemState
+from robocorba.robot.display import DisplayKind
 from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from testkit.buildings import two_storeys
-from testkit.missions import MissionSystem, RobotStart, missions
+from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, missions
 from testkit.processes import ROBOCORBA, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
@@ -90,6 +92,21 @@ def test_who_waits_for_another_robot_of_its_mission_says_so(viewers: Viewers) ->
     viewers.all_show("A", "waiting", "waiting for B")
     assert place.agent("A").display().seconds > 1.0
     other.resume()
+    stands_s = {name: [0.0, 0.0] for name in "AB"}  # how long it stands and says that it works; and the most [s]
+    before_s = dict.fromkeys("AB", math.inf)
+
+    def is_over() -> bool:
+        for name, (lasts_s, most_s) in stands_s.items():
+            agent = place.agent(name)
+            actor, shown = agent.state().actor, agent.display()
+            is_moving = max(map(abs, (*actor.velocity, *actor.joint_velocities))) > 0.01
+            is_true = is_moving or shown.kind is not DisplayKind.WORKING
+            lasts_s = 0.0 if is_true else lasts_s + max(0.0, actor.time - before_s[name])
+            before_s[name], stands_s[name] = actor.time, [lasts_s, max(most_s, lasts_s)]
+        return user.poll() is not None
+
+    eventually(is_over, MISSION_LIMIT_S, "the end of the mission")
+    assert max(most_s for _, most_s in stands_s.values()) < 10.0
     viewers.all_show("B", *ORDER)
     assert place.outcome(user)[0] == 0
 
