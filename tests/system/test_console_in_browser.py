@@ -293,7 +293,7 @@ class Operator:
     def set_fields(self, **values: str) -> None:
         form = self.page.locator(".icon-form")
         for name, value in values.items():
-            field = form.get_by_label(re.compile(rf"^{name}\b"))
+            field = form.get_by_label(re.compile(rf"^{name.replace('_', ' ')}\b"))
             if field.evaluate("field => field.tagName") == "SELECT":
                 field.select_option(value)
             else:
