@@ -59,15 +59,19 @@ _PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
     await call("run_program", {{robot: "A", program: program(26, 9.3, 33, 9.3)}});
     await call("run_program", {{robot: "B", program: program(37, 14, 36, 10)}}); }}"""
 _CARRY = f"""async () => {{ const call = {_CALL};
-    for (const robot of ["A", "B"]) await call("abort_program", {{robot}});
+    for (const robot of ["A", "B", "C"]) await call("abort_program", {{robot}});
     await call("start_mission", {{leader: "C", icon: {{icon: "move_table", table: "cafe-table-1",
         to: {{floor: "L1", x: 28.5, y: 5.0, heading: 0}}}}}}); }}"""
+_ASK = f"""async () => {{ const call = {_CALL};
+    const ask = {{icon: "confirm", question: "hand is free?", seconds: 600}};
+    await call("run_program", {{robot: "C", program: JSON.stringify({{name: "hand", icons: [ask]}})}}); }}"""
 _CLICK = "text => [...document.querySelectorAll('tr, td')].find(each => each.textContent.includes(text))?.click()"
 _OPEN = """() => { const choice = document.querySelector("select.program-examples");
     choice.value = "example fetch"; choice.dispatchEvent(new Event("change")); }"""
 VIEWS = {
     "monitor": View("", _PATROL, f"() => ({_CLICK})('B')", 4000),
     "3d": View("3d?robot=B", settled_ms=SETTLED_MS, schemes=("light", "dark")),
+    "panel": View("panel/C", _ASK),
     "map": View("map"),
     "missions": View("missions", _CARRY, f"() => ({_CLICK})('cafe-table-1')", 70_000),
     "program": View("program", select=_OPEN),

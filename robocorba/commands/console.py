@@ -13,7 +13,8 @@ from robocorba.system.supervision.launch import module_command
 
 def console(context: typer.Context) -> None:
     """Serve the operator's console: [--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE]
-    [--administrator FILE] [--supervisor FILE] [--recording FILE] [--viewers N] [--naming HOST:PORT] [--state DIR].
+    [--administrator FILE] [--supervisor FILE] [--recording FILE] [--viewers N] [--pin-file FILE] [--programs DIR]
+    [--naming HOST:PORT] [--state DIR].
 
     It prints its address, and serves until Ctrl-C or SIGTERM. `--help` lists the options."""
     with reporting("console"):

@@ -13,11 +13,14 @@ from robocorba.commands.served_map import ServedMap
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
+from robocorba.robot.corba.remote_agent import displays
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.extras import require_extra
 from robocorba.system.printing import echo
+from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
@@ -72,7 +75,7 @@ class SystemInFoxglove:
         administrator: RemoteAdministrator | None,
         with_scans: bool,
     ) -> None:
-        self._system, self._served, self._administrator = system, served, administrator
+        self._orb, self._system, self._served, self._administrator = orb, system, served, administrator
         self._with_scans = with_scans
         self._simulation = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
         self._state_at_s = 0.0
@@ -80,6 +83,10 @@ class SystemInFoxglove:
 
     def serve(self, server: LiveServer, stop: StopSignal) -> None:
         """Until stopped; while the system does not answer, clients see why."""
+        with contextlib.closing(Repeating("displays", lambda: self._ask_displays(server), 1.0).start()):
+            self._follow(server, stop)
+
+    def _follow(self, server: LiveServer, stop: StopSignal) -> None:
         problem, pause_s = "", 0.0
         while not stop.wait(pause_s):
             began = time.monotonic()
@@ -94,6 +101,11 @@ class SystemInFoxglove:
             interval_s = WATCHED_S if server.is_watched else IDLE_S
             # On a slow machine 10 ms are left for the system itself.
             pause_s = max(0.01, began + interval_s - time.monotonic())
+
+    def _ask_displays(self, server: LiveServer) -> None:
+        if server.is_watched:
+            with contextlib.suppress(NotReachable):  # the last ones stay
+                server.publisher.displays = displays(self._orb)
 
     def _look(self, server: LiveServer) -> None:
         self._system.with_scans = self._with_scans and server.is_watched

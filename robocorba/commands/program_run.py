@@ -1,4 +1,4 @@
-"""robocorba program run, pause, resume, step, abort: run a program on a robot, and control it."""
+"""robocorba program run, pause, resume, step, answer, abort: run a program on a robot, and control it."""
 
 from __future__ import annotations
 
@@ -144,6 +144,25 @@ def resume(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
 def step(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
     """Continue a robot's program to the next icon."""
     _order(robot, "step", naming)
+
+
+@app.command()
+def answer(
+    robot: Annotated[str, _ROBOT],
+    yes: Annotated[str, typer.Argument(metavar="yes|no", help="The answer; without it the question is printed.")] = "",
+    naming: Naming = None,
+) -> None:
+    """Answer what a robot's program asks by the icon `confirm`. Exit code 1 if it asks nothing."""
+    from robocorba.robot.corba.remote_agent import RemoteAgent
+
+    if yes not in ("yes", "no", ""):
+        raise typer.BadParameter(f"{yes!r} is neither yes nor no")
+    with connected("program answer", naming) as orb:
+        agent = RemoteAgent(orb, robot)
+        asked = agent.question()
+        if yes or not asked.number:
+            agent.answer(asked.number, yes == "yes")
+        line(robot, asked.text, yes or "?")
 
 
 @app.command()

@@ -18,9 +18,9 @@ from robocorba.commands.waiting import RETRY_TIMEOUT_S
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
 from robocorba.orb.orb import Orb
-from robocorba.robot.corba.remote_agent import OrderLimits, RemoteAgent, order_all
-from robocorba.robot.corba.remote_agent import robots as bound_robots
+from robocorba.robot.corba.remote_agent import displays
 from robocorba.robot.corba.remote_scans import live_scans
+from robocorba.robot.display import Display
 from robocorba.robot.live_scans import ROBOTS_AT_ONCE, nearest, robots_on
 from robocorba.simulation.corba.remote_database import CALL_TIMEOUT_S, RemoteFloors
 from robocorba.simulation.corba.remote_simulation import simulation_server
@@ -47,7 +47,7 @@ class RunningSimulation:
     def __init__(self, orb: Orb, floors: Sequence[str]) -> None:
         self._orb, self._floors = orb, RemoteFloors(orb, floors)
         #: What robots show on their touch panels, and when they are asked again [s, monotonic].
-        self._displays: dict[str, str] = {}
+        self._displays: dict[str, Display | None] = {}
         self._ask_at = 0.0
         self._server = simulation_server(orb, RETRY_TIMEOUT_S, CALL_TIMEOUT_S)
         self._scans, self._has_scanned = live_scans(orb), False
@@ -74,8 +74,7 @@ class RunningSimulation:
             self._ask_displays()
         seen, unseen = self._nearest(views), {"nearest": None, "nearestIs": ""}
         shown = [
-            {**row, **seen.get(row["name"], unseen), "display": self._displays.get(row["name"], "")}
-            for row in tables.robots
+            {**row, **seen.get(row["name"], unseen), "display": self._text(row["name"])} for row in tables.robots
         ]
         return tables._replace(robots=shown)
 
@@ -94,15 +93,13 @@ class RunningSimulation:
 
     def _ask_displays(self) -> None:
         """Ask all robots that have an agent what they show, at most once a second."""
-        shown: dict[str, str] = {}
-
-        def ask(agent: RemoteAgent) -> None:
-            shown[agent.name] = agent.display().text
-
         with contextlib.suppress(NotReachable):  # the naming service: then nobody says it
-            answers = list(order_all(self._orb, bound_robots(self._orb), ask, OrderLimits(16, 0.5, 1.0)))
-            self._displays = {name: shown.get(name, "no answer") for name, _ in answers}
+            self._displays = displays(self._orb)
         self._ask_at = time.monotonic() + 1.0
+
+    def _text(self, robot: str) -> str:
+        shown = self._displays.get(robot)
+        return shown.text if shown else "no answer" if robot in self._displays else ""
 
 
 # ---- state as rows ----

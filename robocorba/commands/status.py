@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
@@ -15,6 +16,7 @@ from robocorba.commands.options import Json, State
 from robocorba.commands.reporting import reporting
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import CONTEXT, Orb
+from robocorba.robot.corba.remote_agent import displays
 from robocorba.simulation.emergency_stops import ALL, UNTIL_RESET, read_records
 from robocorba.system.corba.servers import probe_of
 from robocorba.system.names import STOPS
@@ -62,6 +64,7 @@ def status(
         record = StateFolder(settings.state).read_record()
         alive = record if record is not None and record.is_alive else None
         processes = check_objects(alive) if alive else []
+        shown = robot_displays(alive) if alive else {}
         stops = read_records(settings.state / STOPS) if alive else {}
         held = stops[ALL].held if ALL in stops else ""
     if json:
@@ -71,18 +74,29 @@ def status(
             "hang_limit_s": alive.hang_limit_s if alive else None,
             "stop_of_all": held or None,
             "processes": processes,
+            "robots": shown,
         }
         echo(msgspec.json.format(msgspec.json.encode(answer), indent=2).decode())
     elif alive is None:
         echo(f"nothing runs in {settings.state}")
     else:
         _print(processes)
+        for name, (kind, text) in shown.items():
+            line(name, kind, text)
         limit_s = alive.hang_limit_s
         if held:
             echo(f"all robots are stopped, {UNTIL_RESET} ({held})")
         echo(f"a server without an answer for {limit_s:g} s is restarted" if limit_s else "servers may hang")
     if not processes or not all(process.is_healthy for process in processes):
         raise typer.Exit(1)
+
+
+def robot_displays(record: SystemRecord) -> dict[str, tuple[str, str]]:
+    """What the robots of a system show on their touch panels: kind and text by name."""
+    with Orb(Address.parse(record.naming)) as orb, contextlib.suppress(NotReachable):
+        found = displays(orb).items()
+        return {name: (of.kind.name.lower(), of.text) if of else ("unknown", "no answer") for name, of in found}
+    return {}
 
 
 def check_objects(record: SystemRecord) -> list[ProcessStatus]:

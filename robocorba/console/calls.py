@@ -20,7 +20,7 @@ _log = logging.getLogger(__name__)
 #: Largest body of a call [bytes].
 MAX_BODY = 8 * 1024 * 1024
 #: Emergency stops.
-STOPS = frozenset({"stop", "stop_all"})
+STOPS = frozenset({"stop", "stop_all", "panel_stop"})
 
 
 class Calls:
@@ -33,8 +33,17 @@ class Calls:
 
     async def answer(self, name: str, request: Request) -> Response:
         """`answer`, or `error` with a sentence for the user."""
+        return await self._answer(name, request, {})
+
+    async def answer_panel(self, name: str, robot: str, request: Request) -> Response:
+        """The same for the panel of a robot."""
+        if not name.startswith("panel"):
+            return JSONResponse({"error": f"panels have no operation {name[:80]!r}"})
+        return await self._answer(name, request, {"robot": robot})
+
+    async def _answer(self, name: str, request: Request, given: dict[str, Any]) -> Response:
         try:
-            arguments = await _arguments(request)
+            arguments = {**await _arguments(request), **given}
             threads = self._stops if name in STOPS else None
             loop = asyncio.get_running_loop()
             return JSONResponse({"answer": await loop.run_in_executor(threads, self._operations.call, name, arguments)})

@@ -1,5 +1,5 @@
 """The console's pages: one table of them, and what all have: links to each other, the state of the connection, and the
-emergency stop at a fixed place."""
+emergency stop at a fixed place. The touch panel of a robot stands for itself."""
 
 from __future__ import annotations
 
@@ -56,6 +56,14 @@ def add_pages() -> None:
     for page in PAGES:
         _add(page)
 
+    class Panel(ui.element, component=STATIC / "panel.js"):
+        """The touch panel of the robot in its property. A tablet shows it, so it leads nowhere else."""
+
+    @ui.page("/panel/{robot:path}")
+    def build(robot: str) -> None:
+        _add_head(robot, "panel.css")
+        Panel()._props["robot"] = robot
+
 
 def _add(page: Page) -> None:
     class Content(ui.element, component=STATIC / page.script, esm=page.modules):
@@ -63,10 +71,14 @@ def _add(page: Page) -> None:
 
     @ui.page(page.address)
     def build() -> None:
-        sheets = "".join(f'<link rel="stylesheet" href="/static/{name}">' for name in (*page.styles, "console.css"))
-        ui.add_head_html(_GROUND + sheets)
-        ui.page_title(f"{page.title} - RoboCorba")
+        _add_head(page.title, *page.styles)
         with ui.element("div").classes("console-page"):
             PageHeader(page.title)
             with ui.element("main").classes("console-content"):
                 Content()
+
+
+def _add_head(title: str, *styles: str) -> None:
+    sheets = "".join(f'<link rel="stylesheet" href="/static/{name}">' for name in (*styles, "console.css"))
+    ui.add_head_html(_GROUND + sheets)
+    ui.page_title(f"{title} - RoboCorba")

@@ -39,11 +39,12 @@ class ProgramOperations:
     """Operations of the program page. `robot` is a robot's name, `program` the JSON text of a program file. All of
     them raise NotReachable if the robot does not answer.
 
-    Poses of hands are in the robot's frame [m, rad] with the keys x, y, z, roll, pitch, yaw; joints are 18 angles [rad]
-    in the order of the model."""
+    folder: of programs beside the samples. Poses of hands are in the robot's frame [m, rad] with the keys x, y, z,
+    roll, pitch, yaw; joints are 18 angles [rad] in the order of the model."""
 
-    def __init__(self, orb: Orb, agent: Callable[[str], RemoteAgent] | None = None) -> None:
+    def __init__(self, orb: Orb, agent: Callable[[str], RemoteAgent] | None = None, folder: Path | None = None) -> None:
         self._agent = agent or (lambda robot: RemoteAgent(orb, robot, RESOLVE_TIMEOUT_S))
+        self._folders = [*([folder] if folder else []), Path(str(files("robocorba") / "samples"))]
         self._lock = threading.Lock()
         self._inverse: InverseKinematics | None = None
 
@@ -54,13 +55,21 @@ class ProgramOperations:
         return {"schema": programs.schema(), "postures": list(POSTURES)}
 
     def example_programs(self) -> dict[str, str]:
-        """The sample programs: JSON text by name."""
-        folder = Path(str(files("robocorba") / "samples"))
-        return {file.stem: file.read_text() for file in sorted(folder.glob("*.json"))}
+        """The programs of the console's folder and the samples: JSON text by name."""
+        found: dict[str, str] = {}
+        for file in [file for folder in self._folders for file in sorted(folder.glob("*.json"))]:
+            if file.stem not in found:
+                found[file.stem] = file.read_text()
+        return found
 
     def loaded_program(self, robot: str) -> str:
         """The JSON text of the program that a robot has loaded; empty if there is none."""
         return self._agent(robot).program()
+
+    def loaded_name(self, robot: str) -> str:
+        """The name of that program; empty if there is none."""
+        text = self.loaded_program(robot)
+        return programs.loads(text).name if text else ""
 
     # ---- check and run ----
 
@@ -107,6 +116,12 @@ class ProgramOperations:
     def abort_program(self, robot: str) -> None:
         """End a robot's program; the robot slows down and stops."""
         self._agent(robot).abort()
+
+    def answer_question(self, robot: str, number: int, yes: bool) -> None:
+        """Answer what a robot's program asks. Raises IllegalOrder if it does not ask this question at present."""
+        if not 0 <= number < 2**32:
+            raise InvalidArguments(f"number: {number} is none of a question")
+        self._agent(robot).answer(number, yes)
 
     def program_progress(self, robot: str, first: int) -> Answer:
         """`begun`: icons of the present or last program that have begun from number `first` on, each with `number`,

@@ -34,6 +34,7 @@ from robocorba.console.monitor_operations import MonitorOperations
 from robocorba.console.monitor_state import MonitorState
 from robocorba.console.operations import RESOLVE_TIMEOUT_S, Operations
 from robocorba.console.pages import STATIC, add_pages
+from robocorba.console.panel_operations import PanelOperations
 from robocorba.console.program_operations import ProgramOperations
 from robocorba.console.recordings import OPENING_LIMIT_S, Recordings
 from robocorba.console.robot_views import RobotViews
@@ -83,10 +84,12 @@ class Console:
         self.missions = LiveMissions(RemoteMissionControl(orb, RESOLVE_TIMEOUT_S), self.viewers.notify)
         self.robot_views = RobotViews(lambda robot: RemotePool(orb, robot, 1.0))
         self.operations = Operations(orb, settings.common.state)
+        programs = ProgramOperations(orb, folder=settings.programs)
         for part in (
             MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films),
             SystemOperations(orb, settings.administrator, settings.supervisor),
-            ProgramOperations(orb),
+            programs,
+            PanelOperations(self.operations, programs, self.state.rows),
             MapOperations(orb),
             MissionOperations(orb, self.state.rows),
         ):
@@ -106,6 +109,7 @@ class Console:
         app.add_api_route("/robot-model", self._robot_model)
         app.add_api_route("/robot.urdf", self._robot_urdf)
         app.add_api_route("/call/{name}", self.calls.answer, methods=["POST"])
+        app.add_api_route("/panel-call/{name}/{robot:path}", self.calls.answer_panel, methods=["POST"])
         app.add_api_websocket_route("/live", self.viewers.serve)
         app.add_api_websocket_route("/robot-view", self._robot_view)
         add_pages()
@@ -117,7 +121,7 @@ class Console:
             reconnect_timeout=10.0,
             show_welcome_message=False,
         )
-        return Access(app, self._settings.hosts, self._settings.password)
+        return Access(app, self._settings.hosts, self._settings.password, pins=self._settings.pins)
 
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:

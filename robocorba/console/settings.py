@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import getpass
+import re
 import ssl
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
@@ -32,7 +33,8 @@ class ConsoleSettings:
     port: 0 for any free one. password: empty for none. certificate, key: PEM files, None without TLS.
     administrator: file with the reference of the simulation's administrator, None for no such rights.
     supervisor: file with the reference of the system's supervisor; it need not exist. recording: a file to look at
-    beside the running system, or None. viewers: the number of pages that are served at the same time."""
+    beside the running system, or None. viewers: the number of pages that are served at the same time. pins: those of
+    the panels of robots, by name. programs: a folder of programs to offer beside the samples, or None."""
 
     common: Settings
     host: str
@@ -44,6 +46,8 @@ class ConsoleSettings:
     supervisor: Path
     recording: Path | None = None
     viewers: int = DEFAULT_VIEWERS
+    pins: Mapping[str, str] = field(default_factory=dict)
+    programs: Path | None = None
 
     @property
     def hosts(self) -> frozenset[str]:
@@ -53,7 +57,8 @@ class ConsoleSettings:
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
         """From `[--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE] [--administrator FILE]
-        [--supervisor FILE] [--recording FILE] [--viewers N] [--naming HOST:PORT] [--state DIR]`.
+        [--supervisor FILE] [--recording FILE] [--viewers N] [--pin-file FILE] [--programs DIR] [--naming HOST:PORT]
+        [--state DIR]`.
 
         Asks for a password where one is needed and none is given. Raises InvalidSetting; SystemExit with a usage line
         for unknown arguments."""
@@ -81,6 +86,10 @@ class ConsoleSettings:
         parser.add_argument(
             "--viewers", type=int, default=DEFAULT_VIEWERS, metavar="N", help="pages served at the same time [64]"
         )
+        parser.add_argument(
+            "--pin-file", type=Path, metavar="FILE", help="PINs of robots' panels: a line `NAME PIN` for each robot"
+        )
+        parser.add_argument("--programs", type=Path, metavar="DIR", help="programs to offer beside the samples")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(arguments)
@@ -95,22 +104,27 @@ class ConsoleSettings:
         for option, file in files.items():
             if file is not None and not file.is_file():
                 raise InvalidSetting(option, str(file), "there is no such file")
+        if given.programs is not None and not given.programs.is_dir():
+            raise InvalidSetting("--programs", str(given.programs), "there is no such folder")
         if given.certificate is not None:
             _check_certificate(given.certificate, given.key)
         if given.viewers < 1:
             raise InvalidSetting("--viewers", str(given.viewers), "expected 1 or more")
         common = Settings.read(given.naming, given.state)
+        password = _password(given.host, given.password_file)
         return cls(
             common,
             given.host,
             given.port,
-            _password(given.host, given.password_file),
+            password,
             given.certificate,
             given.key,
             given.administrator,
             given.supervisor or common.state / SUPERVISOR,
             given.recording,
             given.viewers,
+            _pins(given.pin_file, password) if given.pin_file else {},
+            given.programs,
         )
 
 
@@ -136,6 +150,23 @@ def dates_problem(certificate: Path) -> str:
                 "browsers refuse it. Check the clock; if it was wrong when the certificate was made, make it again"
             )
     return ""
+
+
+def _pins(file: Path, password: str) -> dict[str, str]:
+    """PINs of robots by name. With six digits and an attempt a second guessing takes days."""
+    if not password:
+        raise InvalidSetting("--pin-file", str(file), "here everybody may open the console: give a --password-file too")
+    try:
+        lines = [line for line in read_text(file).splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidSetting("--pin-file", str(file), str(error)) from None
+    pins = {}
+    for number, line in enumerate(lines, 1):
+        name, _, pin = line.strip().rpartition(" ")
+        if not (name.strip() and re.fullmatch("[0-9]{6,12}", pin)):
+            raise InvalidSetting("--pin-file", str(file), f"line {number} is not a name, a blank and 6 to 12 digits")
+        pins[name.strip()] = pin
+    return pins
 
 
 def _password(host: str, file: Path | None) -> str:

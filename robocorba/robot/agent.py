@@ -22,7 +22,7 @@ from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import into, turned
 from robocorba.planning.request import PathPoint
 from robocorba.robot import model_switcher
-from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult, Question
 from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.display import Display, DisplayKind, display_of
 from robocorba.robot.emergency_stop import EmergencyStop
@@ -112,6 +112,8 @@ class ControlAgent:
         self._lock = threading.RLock()
         self._controller: HighController | None = None
         self._adaptor = ""
+        #: The arguments with which each adaptor can be started again.
+        self._argv: dict[str, Sequence[str]] = {}
         self._robot: Robot | None = None
         self._program: Program | None = None
         self._task: Task | None = None
@@ -156,7 +158,8 @@ class ControlAgent:
 
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
         """Replace the adaptor. The previous one is stopped first, and restarted if the new one can't be started. If it
-        can't be started either, the robot is stopped, and a reset starts it.
+        can't be started either, the robot is stopped, and a reset starts it. Empty argv: that with which the adaptor
+        was started last, but for its pose.
 
         Raises UnknownAdaptor, AdaptorFailed; IllegalOrder while a program runs."""
         with self._lock:
@@ -165,6 +168,7 @@ class ControlAgent:
             if controller is None:
                 raise IllegalOrder("switch the adaptor", "was never started")
             argv_before = controller.argv
+            argv = argv or self._argv.get(adaptor, ())
             model_switcher.make(adaptor, self._context)  # raises UnknownAdaptor before anything is stopped
             try:
                 self.session.state()  # and so does a server that is away
@@ -262,6 +266,18 @@ class ControlAgent:
     def step(self) -> None:
         """Raises IllegalOrder if no program runs."""
         self._running_robot("step").execution.step()
+        self._calls.changed()
+
+    @property
+    def question(self) -> Question:
+        """What the program asks a person."""
+        return self._robot.execution.question if self._robot else Question()
+
+    def answer(self, number: int, is_yes: bool) -> None:
+        """Answer the question of this number, also while the program is paused. Raises IllegalOrder if that is not
+        asked at present."""
+        if not (self._robot and self._robot.execution.answer(number, is_yes)):
+            raise IllegalOrder("answer", "asks something else" if self.question.number else "asks nothing")
         self._calls.changed()
 
     def abort(self) -> None:
@@ -466,6 +482,7 @@ class ControlAgent:
                 raise AdaptorFailed(f"the robot of the adaptor {adaptor} has no range sensors for {use}")
             _log.warning("the robot of the adaptor %s has no range sensors: no protective field", adaptor)
         self._controller, self._adaptor = controller, adaptor
+        self._argv[adaptor] = model_switcher.argv_again(argv)
         self._robot = Robot(controller, self.session, self._kinematics, self._planner, self._nearby)
 
     def _carried(self) -> BaseGeometry | None:

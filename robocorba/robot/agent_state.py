@@ -43,6 +43,13 @@ class IconBegun(NamedTuple):
     seconds: float
 
 
+class Question(NamedTuple):
+    """What a program asks a person. number: of each question another one; 0 if there is none."""
+
+    number: int = 0
+    text: str = ""
+
+
 class AgentCondition(Enum):
     """Condition of a control agent. IDLE: no program runs, also after its end. STOPPED: by an emergency stop or a
     fault, until it is reset."""

@@ -284,8 +284,10 @@ class BaseMovements:
                 raise MotionFailed(otherwise)
 
     def _awaited_cabin(self) -> str:
-        """The elevator, while the robot waits for its doors."""
+        """The elevator, while the robot waits for its doors, or the floor to which it rides."""
         ride = self.session.latest.ride
+        if ride and ride.phase is RidePhase.RIDING:
+            return f"{ride.destination}, in elevator {ride.elevator}"
         if ride is None or ride.phase is not RidePhase.WAITING:
             return ""
         return f"elevator {ride.elevator}" + (f", {ride.ahead} ahead" if ride.ahead else "")

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
+import random
 import threading
 import time
 from collections.abc import Callable, Iterator
 
 from robocorba.errors.robots import RobotError
+from robocorba.robot.agent_state import Question
 
 #: Interval at which waiting threads check their conditions and interruptions [s].
 CHECK_INTERVAL_S = 0.02
@@ -34,6 +37,10 @@ class ExecutionControl:
 
     One thread runs the program; any thread may control it."""
 
+    #: Numbers of questions of all robots of a process. They begin at random, so that an answer which comes late never
+    #: belongs to a question of the process's next life.
+    _numbers = itertools.count(random.randrange(1, 2**31))
+
     def __init__(self, end_motion: Callable[[RobotError], None], hold: Callable[[bool], None]) -> None:
         self._end_motion, self._hold = end_motion, hold
         #: Interval at which waiting threads check their conditions and interruptions [s].
@@ -42,6 +49,9 @@ class ExecutionControl:
         self._interruptions: list[RobotError] = []
         #: Each says what the program waits for; what began last is the last one.
         self._waits: list[Callable[[], str]] = []
+        #: What the program asks a person, until it is answered; and the answer.
+        self.question = Question()
+        self._answer: bool | None = None
         self._is_released = threading.Event()
         self._is_released.set()
         self.is_stepping = False
@@ -91,6 +101,14 @@ class ExecutionControl:
             self._interruptions.append(why)
         self._end_motion(why)
 
+    def answer(self, number: int, is_yes: bool) -> bool:
+        """Answer a question; returns False if that is not asked, or not any more."""
+        with self._lock:
+            if number != self.question.number or not number:
+                return False
+            self.question, self._answer = Question(), is_yes
+            return True
+
     def settle(self, is_settled: Callable[[RobotError], bool]) -> None:
         """Drop the interruptions that `is_settled` accepts, because they were handled."""
         with self._lock:
@@ -126,6 +144,18 @@ class ExecutionControl:
         finally:
             with self._lock:
                 self._waits.remove(wait)
+
+    @contextlib.contextmanager
+    def asking(self, text: str) -> Iterator[Callable[[], bool | None]]:
+        """Inside of it the program asks a person; what it yields returns the answer, None until there is one."""
+        with self._lock:
+            self.question, self._answer = Question(next(self._numbers), text), None
+        try:
+            with self.awaiting(lambda: f"an answer: {text}" if self.question.number else ""):
+                yield lambda: self._answer
+        finally:
+            with self._lock:
+                self.question = Question()
 
     def check(self) -> None:
         """Wait while the program is paused; raise its interruption."""

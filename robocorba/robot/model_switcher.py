@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, NamedTuple
 
@@ -35,3 +35,9 @@ def make(name: str, context: AdaptorContext) -> RobotAdaptor:
 
 def _found() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group="robocorba.adaptors")}
+
+
+def argv_again(argv: Sequence[str]) -> list[str]:
+    """Arguments for a later start: without `--pose`, where the robot was at the first one."""
+    after = zip(argv, ["", *argv], strict=False)
+    return [word for word, before in after if before != "--pose" and not f"{word}=".startswith("--pose=")]

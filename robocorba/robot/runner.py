@@ -111,6 +111,8 @@ class Runner:
             with self._robot.execution.awaiting(lambda: _words(icon.condition)):
                 is_met = self._robot.wait(icon.seconds, lambda: self._is_met(icon.condition))
             return "done" if is_met else "timed_out"
+        elif isinstance(icon, icons.Confirm):
+            return self._confirm(icon)
         elif isinstance(icon, icons.StopIfCloser):
             return self._run_watched(icon, path)
         elif isinstance(icon, icons.Repeat):
@@ -128,6 +130,17 @@ class Runner:
         else:
             raise MotionFailed(f"unsupported icon type {kind(icon)}")
         return "done"
+
+    def _confirm(self, icon: icons.Confirm) -> Outcome:
+        with self._robot.execution.asking(icon.question) as answer:
+            self._robot.wait(icon.seconds, lambda: answer() is not None)
+            confirmed = answer()
+        if confirmed:
+            return "done"
+        if icon.on_no == "fail":
+            how = f"was not answered within {icon.seconds:g} s" if confirmed is None else "was answered with no"
+            raise MotionFailed(f"\u201c{icon.question}\u201d {how}")
+        return "timed_out" if confirmed is None else "refused"
 
     def _run_watched(self, icon: icons.StopIfCloser, path: str) -> Outcome:
         with self._watching(icon):

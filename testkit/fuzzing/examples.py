@@ -25,6 +25,7 @@ ICONS: list[dict[str, Any]] = [
     {"icon": "wait_until", "condition": {"when": "event", "type": "a.*", "source": "*"}, "seconds": 0.1},
     {"icon": "stop_if_closer", "sensor": "front", "distance": 0.1, "icons": [{"icon": "wait", "seconds": 0.1}]},
     {"icon": "wait", "seconds": 0.1},
+    {"icon": "confirm", "question": "hand is free?", "seconds": 0.1, "on_no": "go_on"},
     {"icon": "repeat", "times": 2, "icons": [{"icon": "wait", "seconds": 0.01}]},
     {
         "icon": "branch",

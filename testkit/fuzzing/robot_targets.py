@@ -40,6 +40,7 @@ def of_agents(system: FuzzedSystem) -> Iterator[Target]:
         "leadMission": [example("m", json.dumps(icon), 1) for icon in MISSIONS],
         "abortMission": [example("m")],
         "iconsFrom": [example(0)],
+        "answer": [example(1, True)],
         "setSpeedCap": [example(0.5)],
         "drive": [example(RoboCorba.Velocity(0.05, 0.0, 0.1), 0.2)],
         "switchAdaptor": [example("simulated", [])],

@@ -6,7 +6,7 @@ import asyncio
 import subprocess
 import time
 from pathlib import Path
-from urllib.parse import urlencode
+from urllib.parse import quote, urlencode
 
 import pytest
 from starlette.responses import PlainTextResponse
@@ -174,3 +174,58 @@ def test_a_certificate_with_its_key(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     for ahead_s in (-3600.0, 365 * 86400.0):  # as if the clock had been ahead when it was made; it has expired
         monkeypatch.setattr(time, "time", lambda ahead_s=ahead_s: now + ahead_s)
         assert f"{certificate} is valid from" in dates_problem(certificate)
+
+
+def test_a_pin_opens_the_panel_of_its_robot_and_nothing_else() -> None:
+    robots = {"A": "471193", "B/1 <b>": "222333"}
+    app = Access(PlainTextResponse("inside"), LOOPBACK_HOSTS, PASSWORD, pause_s=0.0, pins=robots)
+
+    def open_by(robot: str, pin: str) -> Answer:
+        return ask(app, "/login", "POST", [urlencode({"password": pin, "robot": robot}).encode()])
+
+    assert b"PIN of B/1 &lt;b&gt;" in ask(app, "/panel/B/1 <b>", accept="text/html").body
+    assert b'type="password"' in ask(app, "/panel/C", accept="text/html").body
+    for robot, pin in (
+        ("A", "471194"),
+        ("A", robots["B/1 <b>"]),
+        ("A", PASSWORD),
+        ("C", robots["A"]),
+        ("", robots["A"]),
+    ):
+        refused = open_by(robot, pin)
+        assert refused.status == 401 and "set-cookie" not in refused.headers, (robot, pin)
+    assert b"The PIN is wrong" in open_by("A", "").body
+    for robot, other in (("A", "B/1 <b>"), ("B/1 <b>", "A")):
+        opened = open_by(robot, robots[robot])
+        assert opened.headers["location"] == f"/panel/{quote(robot, safe='')}"
+        cookie = cookie_of(opened)
+        panel, calls = f"/panel/{robot}", f"/panel-call/panel_run/{robot}"
+        for path in (panel, calls, "/static/panel.js", "/_nicegui/1/static/nicegui.js"):
+            assert ask(app, path, cookie=cookie).body == b"inside", path
+        ways_around = (f"{panel}/", f"/panel-call/panel_run/{other}", f"/panel-call/{robot}", f"{calls}/x", "/panel/")
+        for path in ("/", "/3d", "/call/stop_all", "/plan", f"/panel/{other}", *ways_around):
+            assert ask(app, path, cookie=cookie).status == 401, path
+        assert ask(app, "/live", kind="websocket", cookie=cookie).body == b""
+        claim, _, signature = cookie.rpartition(".")
+        assert ask(app, "/", cookie=f"{claim.rpartition('.')[0]}..{signature}").status == 401, "all pages"
+    opened = open_by("C", PASSWORD)
+    assert opened.headers["location"] == "/panel/C" and ask(app, "/", cookie=cookie_of(opened)).body == b"inside"
+
+
+def test_pins_are_digits_of_named_robots_and_need_a_password(tmp_path: Path) -> None:
+    pins, password = tmp_path / "pins", tmp_path / "password"
+    password.write_text(PASSWORD)
+    protected = ("--password-file", str(password), "--pin-file", str(pins))
+    pins.write_text("A 471193\n\n B 1  222333444555\n")
+    assert ConsoleSettings.read(protected).pins == {"A": "471193", "B 1": "222333444555"}
+    assert ConsoleSettings.read([]).pins == {}
+    with pytest.raises(InvalidSetting, match="give a --password-file too"):
+        ConsoleSettings.read(protected[2:])
+    for content in ("A", "471193", "A 47119", "A 4711931234567", "A 47119x", "A \u0664\u0667\u0661\u0661\u0669\u0663"):
+        pins.write_text(f"B 222333\n{content}")
+        with pytest.raises(InvalidSetting, match="line 2 is not a name, a blank and 6 to 12 digits"):
+            ConsoleSettings.read(protected)
+    for missing in (("--pin-file", str(tmp_path / "none")), ("--programs", str(pins))):
+        with pytest.raises(InvalidSetting) as raised:
+            ConsoleSettings.read((*protected[:2], *missing))
+        assert raised.value.setting == missing[0]

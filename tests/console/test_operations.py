@@ -154,6 +154,8 @@ class Stoppable(Operations):
     def stop(self, robot: str) -> None:
         return None
 
+    panel_stop = stop
+
 
 def test_emergency_stops_do_not_wait_for_other_operations() -> None:
     operations = Stoppable()
@@ -165,7 +167,7 @@ def test_emergency_stops_do_not_wait_for_other_operations() -> None:
         try:
             while not operations.has_begun.is_set():
                 await asyncio.sleep(0.001)
-            orders = {"stop_all": {}, "stop": {"robot": "R1"}}
+            orders = {"stop_all": {}, "stop": {"robot": "R1"}, "panel_stop": {"robot": "R1"}}
             return {name: await asyncio.wait_for(ask_for(calls, name, given), 20.0) for name, given in orders.items()}
         finally:
             operations.release.set()
@@ -177,7 +179,7 @@ def test_emergency_stops_do_not_wait_for_other_operations() -> None:
 
     with contextlib.closing(Calls(operations)) as calls:
         answers = asyncio.run(stop_while_others_hang(calls))
-    assert answers == {"stop_all": {"answer": {}}, "stop": {"answer": None}}
+    assert answers == {"stop_all": {"answer": {}}, "stop": {"answer": None}, "panel_stop": {"answer": None}}
     assert answers.keys() == STOPS
 
 

@@ -44,6 +44,7 @@ from tests.robot.turns import end_turn, take_turns
 #: Time that drives and waits take [s]; how much later they may end, for the base has to brake; more for each pause.
 LASTS_S, LATE_S, LATE_BY_PAUSE_S = 0.2, 0.6, 0.06
 AWAY, ABORTED, ALONE = "nobody answers", "it was aborted", "nobody else is here"
+UNANSWERED = "was not answered within"
 NEAR_M, FAR_M = 0.1, 2.0
 FREE = StopHold(False, 0, "")
 
@@ -53,15 +54,17 @@ Course = Generator[None, None, str | None]
 # ---- programs as plain data ----
 
 ORDERS = ("pause", "resume", "step", "abort", "stop", "stop again", "reset", "load", "run", "switch")
-HAPPENINGS = ("near", "far", "event")
+HAPPENINGS = ("near", "far", "event", "yes", "no", "late")
 BY_LASER = {"sensor": "laser", "distance": 0.5}
 CONDITIONS: list[Plain] = [
     {"when": "closer_than", **BY_LASER},
     {"when": "farther_than", **BY_LASER},
     {"when": "event", "type": "table.*"},
     {"when": "event", "source": "C"},
-    *({"when": "result", "result": result} for result in ("done", "stopped", "timed_out")),
+    *({"when": "result", "result": result} for result in ("done", "stopped", "timed_out", "refused")),
 ]
+REFUSED = {"when": "result", "result": "refused"}
+SAID = [{"icon": "say", "type": "hello", "payload": None}]
 DRIVE = {"icon": "mbase_velocity", "ahead": 0.1, "left": 0.0, "turn": 0.0, "seconds": LASTS_S}
 OTHER: Plain = {"name": "other", "icons": [DRIVE, DRIVE]}
 
@@ -78,6 +81,7 @@ leaves = st.one_of(
     st.just(DRIVE),
     plain(icon="wait", seconds=LASTS_S),
     plain(icon="wait_until", seconds=LASTS_S, condition=CONDITIONS),
+    plain(icon="confirm", question="hand is free?", seconds=LASTS_S, on_no=["fail", "go_on"]),
     plain(icon="say", type=["hello", *ORDERS, *HAPPENINGS], payload={"n": [1, None]}),
     plain(icon="move_table", table=["light", "heavy", "odd"], to={"floor": "L1", "x": 0, "y": 0}),
 )
@@ -102,7 +106,7 @@ PIECES: list[Plain] = [
     {"icon": "repeat", "times": 3, "icons": [WAITS[1]]},
     {"icon": "repeat", "times": 2, "icons": [CARRY]},
 ]
-asking = plain(icon="branch", condition=CONDITIONS[-3:], then=[[DRIVE]], otherwise=[[]])
+asking = plain(icon="branch", condition=CONDITIONS[-4:], then=[[DRIVE]], otherwise=[[]])
 icon_lists = st.tuples(
     st.lists(st.recursive(leaves, bodies, max_leaves=5), max_size=2),
     st.lists(st.sampled_from(PIECES), max_size=1),
@@ -158,6 +162,7 @@ class Model:
         self.watches: dict[str, bool] = {}
         self.events: list[tuple[str, str]] = []
         self.lasting: Lasting | None = None
+        self.asked, self.answer = "", ""
         self.begun: list[tuple[str, str]] = []
         self.report = ProgramReport()
 
@@ -214,6 +219,11 @@ class Model:
             return self.course is None
         elif what in ("near", "far"):
             self.is_near = what == "near"
+        elif what in ("yes", "no"):
+            self.asked, self.answer, was_asked = "", what, self.asked
+            return bool(was_asked)
+        elif what == "late":
+            return False
         elif what == "event":
             self.events += [("table.up", "B"), ("door", "C")]
         return True
@@ -291,6 +301,16 @@ class Model:
 
     def _wait_until(self, icon: Plain, path: str) -> Course:
         return (yield from self._lasts(icon["seconds"], False, lambda: self._is_met(icon["condition"])))
+
+    def _confirm(self, icon: Plain, path: str) -> Course:
+        self.asked, self.answer = icon["question"], ""
+        try:
+            yield from self._lasts(icon["seconds"], False, lambda: bool(self.answer))
+        finally:
+            self.asked = ""
+        if self.answer != "yes" and icon["on_no"] == "fail":
+            raise Failed("with no" if self.answer else UNANSWERED)
+        return {"yes": "done", "no": "refused"}.get(self.answer, "timed_out")
 
     def _say(self, icon: Plain, path: str) -> Course:
         self.said.append((icon["payload"], self.order(icon["type"])))
@@ -392,6 +412,8 @@ class Place(Channel):
         session.hold.return_value = session.end_stops.return_value = FREE
         session.report_stop.return_value = True, FREE
         session.scan.side_effect = lambda *_: np.full(181, NEAR_M if self.is_near else FAR_M)
+        #: The number of the last question that was answered.
+        self.answered = 1
         #: What happens while a program is about to begin.
         self.meanwhile = ""
         self.agent = ControlAgent(
@@ -448,8 +470,16 @@ class Place(Channel):
             "near": lambda: setattr(self, "is_near", True),
             "far": lambda: setattr(self, "is_near", False),
             "event": self._send_events,
+            "yes": lambda: self._answer(True),
+            "no": lambda: self._answer(False),
+            "late": lambda: self.agent.answer(self.answered, True),
         }
         return accepts(orders.get(what, getattr(self.agent, what, lambda: None)))
+
+    def _answer(self, is_yes: bool) -> None:
+        number = self.agent.question.number
+        self.agent.answer(number, is_yes)
+        self.answered = number
 
     def _send_events(self) -> None:
         self.receive(ReceivedEvent("table.up", "B", None))
@@ -533,9 +563,7 @@ class Runs(RuleBasedStateMachine):
     )
     def begin_anew(self, program: Plain, is_stepping: bool, ticks: int, then: str) -> None:
         """Whatever went on before. then: what happens after some ticks; `hold`: a pause of some ticks."""
-        self._find()
-        for what in ("abort", "reset", "far"):
-            self.order(what, False)
+        self._end()
         if is_stepping:
             self.load(program)
             self.run(True, "", False)
@@ -545,6 +573,22 @@ class Runs(RuleBasedStateMachine):
         self.order(then, False)
         self.pass_time(25, False, then == "hold")
         self.pass_time(12, False, False)
+
+    def _end(self) -> None:
+        self._find()
+        for what in ("abort", "reset", "far"):
+            self.order(what, False)
+
+    @rule(on_no=st.sampled_from(["fail", "go_on"]), ticks=st.integers(0, 40), data=st.data())
+    def be_asked(self, on_no: str, ticks: int, data: st.DataObject) -> None:
+        """Twice, with what is done then told by the result; a late answer is one to the first question."""
+        asked = {"icon": "confirm", "question": "free?", "seconds": 2 * LASTS_S, "on_no": on_no}
+        told = {"icon": "branch", "condition": REFUSED, "then": SAID, "otherwise": []}
+        self._end()
+        self.start_mission({"name": "fetch", "icons": [asked, told, asked]}, "carry-1", False)
+        self.control([data.draw(st.sampled_from(["yes", "yes", "no", "late"]))])
+        self.control(data.draw(st.lists(st.sampled_from(["yes", "no", "late", "late", *ORDERS[:5]]), max_size=4)))
+        self.pass_time(ticks, False, data.draw(st.booleans()))
 
     @rule(what=st.sampled_from((*ORDERS, *HAPPENINGS)), lingers=st.booleans())
     def order(self, what: str, lingers: bool) -> None:
@@ -577,6 +621,7 @@ class Runs(RuleBasedStateMachine):
         report, lasting = self.place.report, self.model.lasting
         if lasting is not None:
             has_ended = report.icons_done > self.model.report.icons_done or report.result is ProgramResult.DONE
+            has_ended |= UNANSWERED in report.reason
             assert lasting.passed_s > lasting.lasts_s - 1.5 * TICK_S or not has_ended, "an icon ends too soon"
             assert lasting.passed_s < lasting.lasts_s + lasting.late_s or has_ended, "an icon does not end"
             lasting.is_over = has_ended
@@ -615,6 +660,7 @@ class Runs(RuleBasedStateMachine):
         begun = agent.begun(0)
         assert [(icon.icon, icon.kind) for icon in begun] == model.begun
         assert [icon.number for icon in begun] == [*range(len(begun))] and agent.begun(len(begun) - 1) == begun[-1:]
+        assert agent.question.text == model.asked
         assert (self.place.said, self.place.missions) == (model.said, model.missions)
         assert agent.program == (model.program and loaded(model.program))
         assert model.lingers or state.condition.name == model.condition

@@ -4,9 +4,10 @@ Rays, the base and distances are a model of its own, in simulated time."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -144,6 +145,11 @@ class Stepped(HighController):
             self.tick(world)
         if running.error:
             raise running.error
+
+    @property
+    def waits_for(self) -> str:
+        """What its motion waits for; `awaited` also says whether this test gets its processor time."""
+        return self._awaited
 
     def tick(self, world: World) -> None:
         assert self._field
@@ -331,3 +337,26 @@ def test_a_robot_without_sensors_moves_as_before() -> None:
     high.drive(world, DriveAt((0.3, 0.0, 0.0), 1.0))
     assert world.polls == 0
     assert Point(world.track[-1][1:3]).distance(Point(0.3, 0.0)) < 0.1
+
+
+def test_the_display_waits_for_a_free_way_only_while_the_field_holds_the_base() -> None:
+    """Until what is in the way goes; and no longer than the drive that fails."""
+    thing = square(1.2, 0.0, 0.5, 0.0)
+    world = World(thing)
+    high = controller(world)
+    shown: list[str] = []
+
+    class Watched(DriveAt):
+        def command(self, state: RobotState, elapsed_s: float) -> Any:
+            shown.append(high.waits_for)
+            if shown[-50:] == [shown[-1]] * 50 and shown[-1]:  # for a second
+                world.lines = np.zeros((0, 2, 2))
+            return super().command(state, elapsed_s)
+
+    high.drive(world, Watched((0.3, 0.0, 0.0), 12.0))
+    texts = [text for text, _ in itertools.groupby(text.partition(":")[0] for text in shown)]
+    assert texts == ["", *2 * ("a free way", "")]  # before the first scan, and before the thing
+    world.lines = square(world.track[-1][1] + 1.2, 0.0, 0.5, 0.0)
+    with pytest.raises(Seen):
+        high.drive(world, DriveAt((0.3, 0.0, 0.0), 30.0))
+    assert high.waits_for == ""

@@ -75,7 +75,10 @@ def test_who_calls_from_within_the_cabin_need_not_see_the_doors_open_for_it(tmp_
             session.call_elevator("E1", "L2")
             eventually(lambda: session.state().ride.phase.value > RidePhase.BOARDING.value, "it does not ride")
             smartpal.wait_for_ride(RidePhase.BOARDING, "E1 did not come", limit_s=1.0)
-            smartpal.wait_for_ride(RidePhase.ALIGHTING, "E1 did not arrive")
+            shown: set[str] = set()
+            awaited = smartpal.execution
+            smartpal.wait_for_ride(RidePhase.ALIGHTING, "E1 did not arrive", check=lambda: shown.add(awaited.awaited))
+            assert "L2, in elevator E1" in shown
             assert session.latest.at.floor == "L2"
 
 

@@ -848,6 +848,13 @@ subject robot_agent {
     $agent step
     $agent abort
     until {[get [$agent state] program result] eq "ABORTED"}
+    $agent loadProgram {{"name": "a", "icons": [{"icon": "confirm", "question": "hand is free?", "seconds": 60}]}}
+    refused IllegalOrder {order answer condition {asks nothing}} {$agent answer 1 1}
+    $agent run 0
+    until {[get [$agent question] text] eq "hand is free?"}
+    check {[get [$agent display] text] eq "waiting for an answer: hand is free?"}
+    $agent answer [get [$agent question] number] 1
+    until {[get [$agent state] program result] eq "DONE"}
     $agent drive {ahead 0.1 left 0.0 turn 0.0} 0.5
     refused InvalidSetting {field validFor} {$agent drive {ahead 0.1 left 0.0 turn 0.0} 9.0}
     until {[condition] eq "IDLE"}

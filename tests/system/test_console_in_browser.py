@@ -271,6 +271,7 @@ class Operator:
         self.add("lumbar", lower="4", upper="4", seconds="0.5")
         self.add("gripper", hand="left", action="open")
         self.add("wait_until", kind="farther_than", sensor="front", distance="0.1", seconds="5")
+        self.add("confirm", question="free?", seconds="1", on_no="go_on")
         self.add("stop_if_closer", sensor="front", distance="0.05")
         self.add("mbase_by", ahead="0.25")
         self.select("stop_if_closer")
@@ -314,7 +315,7 @@ class Operator:
     def set_fields(self, **values: str) -> None:
         form = self.page.locator(".icon-form")
         for name, value in values.items():
-            field = form.get_by_label(re.compile(rf"^{name}\b"))
+            field = form.get_by_label(re.compile(rf"^{name.replace('_', ' ')}\b"))
             if field.evaluate("field => field.tagName") == "SELECT":
                 field.select_option(value)
             else:

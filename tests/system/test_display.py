@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import subprocess
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 
 from robocorba.console.system_state import SystemState
+from robocorba.robot.display import DisplayKind
 from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from testkit.buildings import two_storeys
-from testkit.missions import MissionSystem, RobotStart, missions
-from testkit.processes import eventually, read_json
+from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, missions
+from testkit.processes import ROBOCORBA, eventually, read_json
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -36,7 +39,7 @@ class Viewers:
 
     def all_show(self, robot: str, kind: str, text: str) -> None:
         """Wait until they all do."""
-        for viewer in (self._agent, self._console_page, self._watch):
+        for viewer in (self._agent, self._console_page, self._watch, self._status):
             seen: list[Any] = []
 
             def shows(viewer: Callable[[str], Any] = viewer, seen: list[Any] = seen) -> bool:
@@ -54,6 +57,12 @@ class Viewers:
     def _console_page(self, robot: str) -> tuple[str, str] | None:
         row = self._console.rows()["robots"].get(robot, {"state": None})
         return (row["state"]["display"]["kind"], row["state"]["display"]["text"]) if row["state"] else None
+
+    def _status(self, robot: str) -> tuple[str, str]:
+        command = (ROBOCORBA, "status", "--json", "--state", str(self.place.running.state))
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+        kind, text = read_json(answer.stdout)["robots"].get(robot, ("", ""))
+        return kind, text
 
     def _watch(self, robot: str) -> str:
         rows = read_json(self.place.printed("watch", "--json"))["robots"]
@@ -83,6 +92,21 @@ def test_who_waits_for_another_robot_of_its_mission_says_so(viewers: Viewers) ->
     viewers.all_show("A", "waiting", "waiting for B")
     assert place.agent("A").display().seconds > 1.0
     other.resume()
+    stands_s = {name: [0.0, 0.0] for name in "AB"}  # how long it stands and says that it works; and the most [s]
+    before_s = dict.fromkeys("AB", math.inf)
+
+    def is_over() -> bool:
+        for name, (lasts_s, most_s) in stands_s.items():
+            agent = place.agent(name)
+            actor, shown = agent.state().actor, agent.display()
+            is_moving = max(map(abs, (*actor.velocity, *actor.joint_velocities))) > 0.01
+            is_true = is_moving or shown.kind is not DisplayKind.WORKING
+            lasts_s = 0.0 if is_true else lasts_s + max(0.0, actor.time - before_s[name])
+            before_s[name], stands_s[name] = actor.time, [lasts_s, max(most_s, lasts_s)]
+        return user.poll() is not None
+
+    eventually(is_over, MISSION_LIMIT_S, "the end of the mission")
+    assert max(most_s for _, most_s in stands_s.values()) < 10.0
     viewers.all_show("B", *ORDER)
     assert place.outcome(user)[0] == 0
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from robocorba.robot.display import Display
 from robocorba.simulation.mission_record import MissionContent
 
 _TEXT, _NUMBER, _COUNT = {"type": "string"}, {"type": "number"}, {"type": "integer"}
@@ -31,6 +32,8 @@ ROBOTS_SCHEMA = _schema(
         "speed": _NUMBER,
         "turn": _NUMBER,
         "elevator": {"type": "string", "description": "in which it rides"},
+        "display": {"type": "string", "description": "working, waiting or exceptional; empty if it is not known"},
+        "shows": {"type": "string", "description": "the text on its touch panel"},
     },
 )
 #: Times are POSIX times [s] by the leader's clock; `ended` is 0 while a mission runs.
@@ -53,8 +56,9 @@ MISSIONS_SCHEMA = _schema(
 )
 
 
-def robot_as_json(name: str, floor: str, motion: np.void, elevator: str) -> dict[str, Any]:
-    """A robot as ROBOTS_SCHEMA describes it. motion: its row of MOTION. elevator: in which it rides, or empty."""
+def robot_as_json(name: str, floor: str, motion: np.void, elevator: str, shown: Display | None) -> dict[str, Any]:
+    """A robot as ROBOTS_SCHEMA describes it. motion: its row of MOTION. elevator: in which it rides, or empty. shown:
+    on its touch panel, None if that is not known."""
     return {
         "name": name,
         "floor": floor,
@@ -64,6 +68,8 @@ def robot_as_json(name: str, floor: str, motion: np.void, elevator: str) -> dict
         "speed": math.hypot(motion["vx"], motion["vy"]),
         "turn": float(motion["turn"]),
         "elevator": elevator,
+        "display": shown.kind.name.lower() if shown else "",
+        "shows": shown.text if shown else "",
     }
 
 

@@ -14,7 +14,7 @@ Times of messages are simulated."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import foxglove
@@ -62,6 +62,7 @@ from robocorba.map_editor.movable import movables
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.map_editor.spatial.floor_update import WHOLE, Body, BodyKind, FloorUpdate, FloorView
 from robocorba.map_editor.spatial.posture import Posture
+from robocorba.robot.display import Display
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.model import LASER_M
 from robocorba.robot.kinematics.smartpal import JOINTS
@@ -86,6 +87,8 @@ class FoxglovePublisher:
         #: The channels of each robot, by the rest of their topics; and its sensors that have sent scans.
         self._channels: dict[str, dict[str, Any]] = {}
         self._sensors: dict[str, list[tuple[object, ...]]] = {}
+        #: What robots show on their touch panels, as far as that is known: not in recordings.
+        self.displays: Mapping[str, Display | None] = {}
         self._smartpal = SmartPalBody()
         self._building = building
         self._heights: dict[str, float] = {}
@@ -325,9 +328,9 @@ class FoxglovePublisher:
         """Publish where all robots are, as ROBOTS_SCHEMA describes it. Topics of robots that are gone end."""
         rides = {robot: name for name, state in self._elevators.items() for robot in state.riders}
         robots = [
-            robot_as_json(body.name, view.floor, view.motion(body.number), rides.get(body.name, ""))
+            robot_as_json(name, view.floor, view.motion(body.number), rides.get(name, ""), self.displays.get(name))
             for view, body in self._bodies()
-            if body.kind is BodyKind.ROBOT
+            if body.kind is BodyKind.ROBOT and (name := body.name)
         ]
         self._robots.log({"robots": robots}, log_time=nanoseconds(self.time_s))
         self._close_channels({robot["name"] for robot in robots})

@@ -12,7 +12,7 @@ from omniORB import CORBA
 from robocorba.orb.orb import Orb
 from robocorba.orb.plain import plain
 from robocorba.orb.remote_object import RemoteObject
-from robocorba.robot.corba.remote_agent import shown_by
+from robocorba.robot.corba.remote_agent import question_of, shown_by
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import CHANNELS, ROBOTS
 
@@ -31,8 +31,9 @@ def server_state(orb: Orb) -> Question:
 
 def robot_state(orb: Orb, name: str) -> Question:
     """The members of RobotAgent::state of a robot; its `display`: `kind` (working, waiting, exceptional), `text` and
-    `seconds`; its `channel` and `mission`, and the `path` that it drives: for each floor in turn `floor` and its
-    `points` [x, y] in m. A robot that does not know one of the last three lacks it."""
+    `seconds`; its `question`: `number`, 0 for none, and `text`; its `channel` and `mission`, and the `path` that it
+    drives: for each floor in turn `floor` and its `points` [x, y] in m. A robot that does not know one of the last
+    three lacks it."""
     return _question(orb, f"{ROBOTS}/{name}", RoboCorba.RobotAgent, _robot)
 
 
@@ -50,6 +51,8 @@ def _robot(agent: Any) -> dict[str, Any]:
     state: dict[str, Any] = plain(agent._get_state())
     shown = shown_by(agent)
     state["display"] = {**shown._asdict(), "kind": shown.kind.name.lower()}
+    asked = question_of(agent)._asdict() if agent_is_driving(state) else {"number": 0, "text": ""}
+    state["question"] = asked
     # Attributes that robots of earlier releases do not have.
     with contextlib.suppress(CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT):
         state["channel"], state["mission"] = agent._get_channel(), agent._get_mission()

@@ -13,6 +13,7 @@ const LOOKS = {
   gripper: ["pinch", "Gripper"],
   wait: ["schedule", "Wait"],
   wait_until: ["hourglass_top", "Wait until"],
+  confirm: ["contact_support", "Ask a person"],
   stop_if_closer: ["sensors", "Stop if closer"],
   repeat: ["repeat", "Repeat"],
   branch: ["call_split", "If, otherwise"],
@@ -23,7 +24,7 @@ const LOOKS = {
 const GROUPS = [
   ["Base", ["mbase_path", "mbase_to", "mbase_by", "mbase_velocity"]],
   ["Arms and body", ["mhand_posture", "mhand_pose", "mhand_offset", "mhand_joints", "lumbar", "gripper"]],
-  ["Sensors, order", ["wait", "wait_until", "stop_if_closer", "repeat", "branch"]],
+  ["Sensors, order", ["wait", "wait_until", "confirm", "stop_if_closer", "repeat", "branch"]],
   ["Other robots", ["say", "move_table", "hand_over"]],
 ];
 
@@ -76,6 +77,7 @@ const SUMMARIES = {
   gripper: (v) => `${v.action ?? "?"}, ${hand(v)}${v.object ? `: ${v.object}` : ""}`,
   wait: (v) => `${number(v.seconds)} s`,
   wait_until: (v) => `${conditionText(v.condition)}, at most ${number(v.seconds)} s`,
+  confirm: (v) => `${v.question ?? "?"}, at most ${number(v.seconds)} s`,
   stop_if_closer: (v) => `${v.sensor ?? "?"} than ${number(v.distance)} m`,
   repeat: (v) => `${v.times ?? "?"} times`,
   branch: (v) => conditionText(v.condition),

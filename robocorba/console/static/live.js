@@ -22,6 +22,8 @@
 // `whole` means that the message holds all of the floor; without it, what has changed. Lengths in m, angles in rad,
 // times in simulated s.
 
+export { call } from "/static/calls.js";
+
 const RECONNECT_MS = [250, 500, 1000, 2000];
 // A console that serves as many pages as it can refuses further ones with this code and a reason; pause before the next
 // attempt.
@@ -29,10 +31,9 @@ const TRY_AGAIN_LATER = 1013;
 const REFUSED_MS = 5000;
 // The server sends something at least once a second; without news for this time the connection is regarded as lost.
 const SILENCE_MS = 4000;
-// A plan that could not be loaded is asked for again after this time; each request ends after at most PLAN_MS, CALL_MS.
+// A plan that could not be loaded is asked for again after this time; each request ends after at most PLAN_MS.
 const AGAIN_MS = 2000;
 const PLAN_MS = 10000;
-const CALL_MS = 120000;
 const WORDS = ["number", "x", "y", "heading", "vx", "vy", "turn"];
 
 // A floor as the last frames left it.
@@ -311,23 +312,3 @@ class Live {
 }
 
 export const live = new Live();
-
-// Call an operation of the server. Returns its answer; throws an Error with the server's message, or after limitMs.
-export async function call(operation, argument = {}, limitMs = CALL_MS) {
-  let answer;
-  try {
-    answer = await fetch(`/call/${operation}`, {
-      method: "POST",
-      headers: { "Content-Type": "application/json" },
-      body: JSON.stringify(argument),
-      signal: AbortSignal.timeout(limitMs),
-    });
-  } catch {
-    throw new Error("the console does not answer");
-  }
-  const content = await answer.json().catch((error) => ({
-    error: error.name === "TimeoutError" ? "the console does not answer" : `the console answers ${answer.status}`,
-  }));
-  if (content.error !== undefined) throw new Error(content.error);
-  return content.answer;
-}

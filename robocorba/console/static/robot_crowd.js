@@ -116,6 +116,16 @@ export class RobotCrowd {
     return found;
   }
 
+  // The name of the robot whose touch panel is at a point of the canvas [px], if nothing of a robot is before it.
+  panelAt([x, y]) {
+    const { width, height } = this.view.box.getBoundingClientRect();
+    const ray = new THREE.Raycaster();
+    ray.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.view.camera);
+    const models = [...this.articulated];
+    const [first] = ray.intersectObjects(models.map(([, model]) => model.group));
+    return first && models.find(([, model]) => model.panel === first.object)?.[0];
+  }
+
   // The ghost of a robot at the end of its path [{x, y, z}] that leads over the shown floors; null: no ghost.
   setGhost(path, heading, joints) {
     this.way?.removeFromParent();

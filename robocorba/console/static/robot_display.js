@@ -6,6 +6,11 @@ export const DISPLAYS = {
   exceptional: ["#9b0d4c", "\u26a0"],
 };
 
+// The page of a robot's touch panel.
+export function panelAddress(robot) {
+  return `/panel/${encodeURIComponent(robot)}`;
+}
+
 // A display in a line of text.
 export function displayText({ kind, text }) {
   return `${DISPLAYS[kind][1]} ${text}`;

@@ -135,6 +135,7 @@ export class ArticulatedRobot {
     mesh.position.set(...display.at);
     mesh.rotation.set(...display.rpy, "ZYX");
     this.links.get(display.link).add(mesh);
+    this.panel = mesh;
     this.show("", "");
   }
 

@@ -2,7 +2,7 @@
 import { plainWords, titleOf } from "/static/icon_looks.js";
 import { call } from "/static/live.js";
 import { clockText } from "/static/past.js";
-import { displayText } from "/static/robot_display.js";
+import { displayText, panelAddress } from "/static/robot_display.js";
 import { ageText, degrees } from "/static/robot_rows.js";
 import { isRing, ProximityRing, sensorFact } from "/static/sensor_views.js";
 import SureButton from "/static/sure_button.js";
@@ -17,7 +17,8 @@ export default {
   template: `
     <section :aria-label="'Robot ' + robot.name">
       <h2 class="console-heading robot-name" :title="robot.name">{{ robot.name }}
-        <a v-if="robot.isHere" :href="'/3d?robot=' + encodeURIComponent(robot.name)" title="Show it in 3D">3D</a></h2>
+        <a v-if="robot.isHere" :href="'/3d?robot=' + encodeURIComponent(robot.name)" title="Show it in 3D">3D</a>
+        <a v-if="robot.agent" :href="panelAddress(robot.name)" title="Its touch panel">panel</a></h2>
       <div class="console-actions">
         <q-btn dense no-caps color="negative" icon="front_hand" label="Stop" :disable="!robot.agent"
                @click="order('stop')" />
@@ -81,6 +82,7 @@ export default {
   },
   methods: {
     clock: clockText,
+    panelAddress,
     openPlace() {
       const { floor, x, y, heading } = this.robot.at;
       const round = (value) => Math.round(value * 100) / 100;

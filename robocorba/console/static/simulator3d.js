@@ -5,6 +5,7 @@ import { FloorMesh } from "/static/floor_mesh.js";
 import { live } from "/static/live.js";
 import { RayFans } from "/static/ray_fans.js";
 import { RobotCrowd } from "/static/robot_crowd.js";
+import { panelAddress } from "/static/robot_display.js";
 import { loadRobotShape } from "/static/robot_model.js";
 import { HappeningFeed } from "/static/happening_feed.js";
 import PastNote from "/static/past_note.js";
@@ -67,7 +68,7 @@ export default {
         </div>
         <RayLegend v-if="!selected" :scans="scans" />
         <section v-if="selected" class="scene-facts" aria-label="Selected robot">
-          <h2 class="console-heading"><bdi>{{ selected }}</bdi></h2>
+          <h2 class="console-heading"><bdi>{{ selected }}</bdi> <a :href="panelAddress(selected)">panel</a></h2>
           <dl class="console-facts"><template v-for="[name, value] in facts" :key="name">
             <dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
           <RayLegend :scans="scans" />
@@ -142,6 +143,7 @@ export default {
     this.view?.close();
   },
   methods: {
+    panelAddress,
     notify(message) {
       this.graphics = message;
       this.say();

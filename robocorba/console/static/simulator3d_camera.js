@@ -2,6 +2,7 @@
 import { THREE } from "nicegui-scene";
 import { stepByKey } from "/static/arm_poser.js";
 import { live } from "/static/live.js";
+import { panelAddress } from "/static/robot_display.js";
 
 // A click is not a drag up to this distance [px].
 const CLICK_PX = 5;
@@ -52,6 +53,8 @@ export const cameraMethods = {
   pointer(kind, event) {
     if (kind === "pointerdown") this.pressed = [event.offsetX, event.offsetY];
     else if (this.pressed && Math.hypot(event.offsetX - this.pressed[0], event.offsetY - this.pressed[1]) < CLICK_PX) {
+      const panel = this.past.isLive && this.crowd?.panelAt([event.offsetX, event.offsetY]);
+      if (panel) window.location.assign(panelAddress(panel));
       const robot = this.crowd?.at([event.offsetX, event.offsetY]);
       if (robot) this.selected = robot.name;
     }

@@ -71,6 +71,9 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     def _get_display(self) -> Any:
         return robot_states.display(self._agent.display)
 
+    def _get_question(self) -> Any:
+        return RoboCorba.AgentQuestion(*self._agent.question)
+
     def _get_pool(self) -> Any:
         return self._pool
 
@@ -143,6 +146,10 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     @translating
     def step(self) -> None:
         self._agent.step()
+
+    @translating
+    def answer(self, number: int, yes: bool) -> None:
+        self._agent.answer(number, yes)
 
     def abort(self) -> None:
         self._agent.abort()

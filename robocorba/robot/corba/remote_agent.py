@@ -13,7 +13,7 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import Answer, translated
-from robocorba.robot.agent_state import AgentState, IconBegun
+from robocorba.robot.agent_state import AgentState, IconBegun, Question
 from robocorba.robot.corba import robot_states
 from robocorba.robot.display import Display, display_of
 from robocorba.robot.motion.robot_state import Velocity
@@ -53,6 +53,14 @@ class RemoteAgent:
     def display(self) -> Display:
         """What its touch panel shows."""
         return self._call(lambda: shown_by(self._agent))
+
+    def question(self) -> Question:
+        """What its program asks a person."""
+        return self._call(lambda: question_of(self._agent))
+
+    def answer(self, number: int, is_yes: bool) -> None:
+        """Raises IllegalOrder if this question is not asked at present."""
+        self._call(lambda: self._agent.answer(number, is_yes))
 
     def mission(self) -> str:
         """The mission that the robot leads or takes part in; empty for none."""
@@ -136,9 +144,30 @@ def shown_by(agent: Any) -> Display:
         return display_of(state.condition, state.reason, state.program)
 
 
+def question_of(agent: Any) -> Question:
+    """What the program of a robot asks, by its reference. Robots of earlier releases ask nothing."""
+    try:
+        asked = agent._get_question()
+    except (CORBA.BAD_OPERATION, CORBA.NO_IMPLEMENT):
+        return Question()
+    return Question(asked.number, asked.text)
+
+
 def robots(orb: Orb) -> list[str]:
     """Names of the robots whose agents are bound. Raises NotReachable."""
     return orb.names(ROBOTS)
+
+
+def displays(orb: Orb) -> dict[str, Display | None]:
+    """What all robots show on their touch panels, by name; None for one that does not answer within a second. Raises
+    NotReachable."""
+    shown: dict[str, Display] = {}
+
+    def ask(agent: RemoteAgent) -> None:
+        shown[agent.name] = agent.display()
+
+    names = [name for name, _ in order_all(orb, robots(orb), ask, OrderLimits(16, 0.5, 1.0))]
+    return {name: shown.get(name) for name in names}
 
 
 def order_all(

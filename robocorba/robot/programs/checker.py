@@ -19,6 +19,7 @@ from robocorba.robot.programs.hands import HandIcon
 from robocorba.robot.programs.icons import (
     Branch,
     CloserThan,
+    Confirm,
     CooperativeIcon,
     FartherThan,
     Gripper,
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
 #: Maximum number of icons that a check follows. Icons in a repeat count each time they are followed, at most twice.
 MAX_ICONS_CHECKED = 4000
 #: The icons whose effect on base and arms the check knows, beside those that contain others.
-FOLLOWED = BaseIcon | HandIcon | CooperativeIcon | Wait | WaitUntil | Say
+FOLLOWED = BaseIcon | HandIcon | CooperativeIcon | Wait | WaitUntil | Confirm | Say
 
 
 class Start(NamedTuple):

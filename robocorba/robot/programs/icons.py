@@ -80,7 +80,7 @@ Times = Annotated[int, Meta(ge=1, le=10_000, title="times")]
 
 Hand = Literal["left", "right", "both"]
 GripperAction = Literal["open", "close"]
-Outcome = Literal["done", "stopped", "timed_out"]
+Outcome = Literal["done", "stopped", "timed_out", "refused"]
 #: The laser; the nearest of all proximity sensors; each proximity sensor, in the order of the rays of a scan.
 Sensor = Literal[
     "laser",
@@ -321,6 +321,16 @@ class Wait(MovementIcon, frozen=True):
             robot.wait(self.seconds)
 
 
+class Confirm(_Icon, frozen=True):
+    """Ask a person a question, answered on the robot's panel or by any client. The result is `done` after yes. After
+    no, or without an answer within `seconds`, the program fails, unless `on_no` is `go_on`: then the result is
+    `refused` or `timed_out`."""
+
+    question: Text
+    seconds: Seconds
+    on_no: Literal["fail", "go_on"] = "fail"
+
+
 class Repeat(_Icon, frozen=True):
     """Run icons several times."""
 
@@ -403,6 +413,7 @@ Icon = (
     | WaitUntil
     | StopIfCloser
     | Wait
+    | Confirm
     | Repeat
     | Branch
     | Say

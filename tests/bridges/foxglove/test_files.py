@@ -17,6 +17,7 @@ from robocorba.errors.simulation import InvalidRecording
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.map_editor.spatial.posture import Posture
+from robocorba.robot.display import Display, DisplayKind
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.management_agent import ManagementAgent
@@ -219,3 +220,13 @@ def test_a_rider_does_not_fall_back_to_its_old_floor_when_its_cabin_arrives(tmp_
     assert heights == sorted(heights)
     assert heights[-1] == 4.0
     assert len(heights) == 5
+
+
+def test_robots_are_shown_with_what_their_panels_show_if_that_is_known(recording: Recording, tmp_path: Path) -> None:
+    with contextlib.closing(FoxgloveFile(tmp_path / "live.mcap", recording.building)) as file:
+        file.publisher.displays = {"A": Display(DisplayKind.WAITING, "waiting for B"), "B": None}
+        for changes in recording.changes():
+            file.publisher.publish(changes)
+    rows = {robot["name"]: robot for robot in read(tmp_path / "live.mcap")["/robots"][0][1]["robots"]}
+    shown = {name: (robot["display"], robot["shows"]) for name, robot in rows.items()}
+    assert shown == {"A": ("waiting", "waiting for B"), "B": ("", ""), "C": ("", "")}
