@@ -334,7 +334,8 @@ class RobotSettings:
     None for a free path node. channel: of its sub-network, empty for none, None for that of the
     area in which it logs on. tick_file: CSV file with one row for each
     control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
-    changes. protects: whether robots have a protective field, None for the usual ones."""
+    changes. protects: whether robots have a protective field, None for the usual ones. is_agent_only: it runs on the
+    robot's computer, without the servers."""
 
     common: Settings
     name: str
@@ -348,11 +349,12 @@ class RobotSettings:
     tick_file: Path | None
     prints_progress: bool
     protects: bool | None = None
+    is_agent_only: bool = False
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--progress] [--protect on|off] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR]
+        [--progress] [--protect on|off] [--agent-only] [--endpoint HOST:PORT] [--naming HOST:PORT] [--state DIR]
         [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
@@ -387,6 +389,11 @@ class RobotSettings:
             choices=("on", "off"),
             help="stop before what the robot's own range sensors see; default: on for actual robots",
         )
+        parser.add_argument(
+            "--agent-only",
+            action="store_true",
+            help="on the computer of an actual robot: keep uploaded programs and run them without the servers",
+        )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -404,6 +411,7 @@ class RobotSettings:
             given.record,
             given.progress,
             given.protect and given.protect == "on",
+            given.agent_only,
         )
 
 
