@@ -141,6 +141,7 @@ class ControlAgent:
             self._lease.start()  # an actual robot may take longer to start than a lease lasts
             self._emergency.start()
             self._start_adaptor(adaptor, argv)
+            self._context = self._context._replace(last_pose=None)  # from here on the session knows
 
     def close(self) -> None:
         """Stop the robot, and log off."""

@@ -169,6 +169,10 @@ def test_the_paper_is_handed_over_while_the_link_is_cut_five_times(place: Place)
     assert place.reports(GIVER, following) == ([], following)
     # It is where it was, and can be stopped by the building's server, in which its body follows it.
     eventually(lambda: "stands" in subprocess_output(place, "stop", GIVER), LIMIT_S, "a stop that is shown")
+    agents[GIVER].kill()
+    agents[GIVER].wait()
+    agents[GIVER] = place.agent(GIVER)
+    assert "is stopped" in place.robocorba("program", "run", str(wait), "--robot", GIVER, code=1)
     place.robocorba("stop", GIVER, "--reset")
     for process in agents.values():
         process.send_signal(signal.SIGTERM)
