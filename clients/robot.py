@@ -13,11 +13,13 @@ import msgspec
 from omniORB import CORBA
 
 from robocorba.clients.cooperation import Cooperation
+from robocorba.clients.program_checker import Checker
+from robocorba.clients.robot_alone import run_alone
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
-from robocorba.map_editor.corba.remote_map import elements_of_floor, path_node_positions
+from robocorba.map_editor.corba.remote_map import elements_of_floor, map_at_editor, path_node_positions
 from robocorba.map_editor.geometry import subnet_at
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import XY
@@ -25,8 +27,6 @@ from robocorba.missions import carry_planning
 from robocorba.orb.calls import error_of
 from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
-from robocorba.planning.request import Place
-from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.robot import sightings
 from robocorba.robot.agent import AgentCalls, AgentState, ControlAgent
 from robocorba.robot.agent_state import ProgramReport, ProgramResult
@@ -49,14 +49,12 @@ from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.perception import Perception
 from robocorba.robot.posture_report import INTERVAL_S, REFRESH_S, PostureReport
 from robocorba.robot.programs import program
-from robocorba.robot.programs.base_checks import Planner
-from robocorba.robot.programs.checker import Start, check
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.realtime import raise_process_priority
-from robocorba.robot.senses import Senses, program_ranges_m
 from robocorba.robot.sightings import EXPIRY_S, SightingReport, Told, seen_obstacles
 from robocorba.robot.tick_file import TickFile
+from robocorba.robot.uploads import CheckedPrograms
 from robocorba.simulation.registry import Description, Pose
 from robocorba.system import logs
 from robocorba.system.kernel_store import store
@@ -71,29 +69,6 @@ from robocorba.system.settings import RobotSettings
 BINDING_LIMIT_S = 5.0
 
 _log = logging.getLogger(__name__)
-
-
-class Checker:
-    """Checks a program from the robot's present state, with the objects and robots around it. Thread-safe: simultaneous
-    checks don't wait for each other, so that one whose planner hangs delays no other."""
-
-    def __init__(self, planner: Planner) -> None:
-        self._planner = planner
-        InverseKinematics()  # compiles its kernels
-
-    def __call__(
-        self,
-        wanted: Program,
-        state: AgentState,
-        objects: TemporaryObstacles = NO_OBSTACLES,
-        robots: TemporaryObstacles = NO_OBSTACLES,
-        senses: Senses | None = None,
-    ) -> CheckReport:
-        at, ranges_m = state.at, program_ranges_m(senses)
-        place = Place(at.floor, at.x, at.y)
-        start = Start(place, at.heading, state.actor.joints, objects, robots, state.adaptor, ranges_m)
-        # Kinematics of its own: they are not thread-safe, and are built in 3 ms.
-        return check(wanted, InverseKinematics(), self._planner, start)
 
 
 def log_on(session: RemoteSession, orb: Orb, settings: RobotSettings) -> None:
@@ -212,6 +187,9 @@ def run(arguments: Sequence[str] | None) -> None:
 
         compile_with_progress(settings.common.state / "logs")
     raise_process_priority()
+    if settings.is_agent_only:
+        run_alone(settings)
+        return
     wanted = program.load(settings.program) if settings.program else None
     start = Pose(settings.floor, *(settings.at or (0.0, 0.0, 0.0)))
     with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:
@@ -278,7 +256,8 @@ def run(arguments: Sequence[str] | None) -> None:
         pool = orb.activate(DataPoolServant(follower.pool, plans, follower.postures, attend), f"{path}/pool")
         sensors = orb.activate(RobotSensorsServant(lambda: agent.senses), f"{path}/sensors")
         # One that was logged off must leave the name to another robot that has logged on by it.
-        servants = {path: RobotAgentServant(agent, pool, sensors, channel, others)}
+        programs = CheckedPrograms(agent, map_at_editor(orb))
+        servants = {path: RobotAgentServant(agent, pool, sensors, channel, others, programs)}
         orb.serve(servants, owns_names=lambda: session.is_logged_on)
         if channel:
             stops = RobotChannel(orb, channel, settings.name)

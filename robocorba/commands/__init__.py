@@ -40,7 +40,7 @@ SUBCOMMANDS = {
     "switch": ("robot", "switch"),
     "simulation": ("simulation", "app"),
     "map": ("map", "app"),
-    "program": ("program_run", "app"),
+    "program": ("program_upload", "app"),
     "mission": ("mission", "app"),
     "events": ("events", "app"),
 }

@@ -16,7 +16,7 @@ from robocorba.system.supervision.launch import module_command
 
 def robot(context: typer.Context) -> None:
     """Start a robot: NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-    [--protect on|off] [--perceive simulation|sensors] [-- ...].
+    [--protect on|off] [--perceive simulation|sensors] [--agent-only] [-- ...].
 
     It logs on, is bound as RoboCorba/Robots/NAME, and runs until Ctrl-C or SIGTERM. `--help` lists the options."""
     command = module_command("robocorba.clients.robot", *context.args)

@@ -73,9 +73,7 @@ class RunningSimulation:
         if tables.robots and time.monotonic() >= self._ask_at:
             self._ask_displays()
         seen, unseen = self._nearest(views), {"nearest": None, "nearestIs": ""}
-        shown = [
-            {**row, **seen.get(row["name"], unseen), "display": self._text(row["name"])} for row in tables.robots
-        ]
+        shown = [{**row, **seen.get(row["name"], unseen), "display": self._text(row["name"])} for row in tables.robots]
         return tables._replace(robots=shown)
 
     def _nearest(self, views: Iterable[FloorView]) -> dict[str, Row]:

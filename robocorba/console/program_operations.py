@@ -16,6 +16,7 @@ from robocorba.console.operations import RESOLVE_TIMEOUT_S
 from robocorba.errors.robots import InvalidProgram, Unreachable
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.orb.orb import Orb
+from robocorba.robot.agent_state import ProgramReport
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import JOINTS, Side
@@ -24,6 +25,7 @@ from robocorba.robot.programs import program as programs
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.python_source import python_source
 from robocorba.robot.programs.report import CheckReport
+from robocorba.system.settings import Address
 
 if TYPE_CHECKING:
     from robocorba.robot.kinematics.inverse import InverseKinematics
@@ -133,7 +135,7 @@ class ProgramOperations:
         report = state.program
         return {
             "begun": [{"number": icon.number, "icon": icon.icon, "kind": icon.kind} for icon in begun],
-            "report": {**report._asdict(), "result": report.result.name.lower()},
+            "report": _plain(report),
             "condition": state.condition.name.lower(),
             "reason": state.reason,
             "adaptor": state.adaptor,
@@ -152,6 +154,39 @@ class ProgramOperations:
         if sum(map(len, words)) > MAX_ARGUMENTS:
             raise InvalidArguments(f"arguments of an adaptor have at most {MAX_ARGUMENTS} characters together")
         self._agent(robot).switch(adaptor, words)
+
+    # ---- a robot's own computer ----
+
+    def reach_computer(self, host: str, port: int) -> Answer:
+        """The agent on a robot's own computer: `name`, `adaptor`, `sensors` (names), `display` (text), and all
+        `reports` that it has kept, each with `number`, `upload`, `ended` (POSIX time [s]) and `program`."""
+        agent = self._agent(_address(host, port))
+        found, following = agent.reports("")
+        reports = list(found)
+        while found:
+            found, following = agent.reports(following)
+            reports += found
+        return {
+            "name": agent.name,
+            "adaptor": agent.state().adaptor,
+            "sensors": agent.sensors(),
+            "display": agent.display().text,
+            "reports": [{**each._asdict(), "program": _plain(each.program)} for each in reports],
+        }
+
+    def upload_program(self, host: str, port: int, program: str, robot: str = "", run: bool = False) -> Answer:
+        """Upload a program to a robot's own computer, checked by `robot`, by default by that itself; `run`: and run it.
+        `name` of the robot there, and `number` of the upload.
+
+        Raises InvalidProgram, IllegalOrder, FingerprintMismatch."""
+        target = self._agent(_address(host, port))
+        checker = self._agent(robot) if robot else target
+        checked = checker.fingerprint(program)
+        checker.check(program).require_valid()
+        number = target.upload(program, checked)
+        if run:
+            target.run()
+        return {"name": target.name, "number": number}
 
     # ---- the arm poser ----
 
@@ -206,6 +241,17 @@ def _checked(report: CheckReport, read: Program | None) -> Answer:
         "is_executable": report.is_valid,
         "python": python_source(read) if read else "",
     }
+
+
+def _plain(report: ProgramReport) -> Answer:
+    return {**report._asdict(), "result": report.result.name.lower()}
+
+
+def _address(host: object, port: object) -> str:
+    """HOST:PORT. Raises InvalidSetting."""
+    if not isinstance(host, str) or not isinstance(port, int):
+        raise InvalidArguments("host is a text and port a number")
+    return str(Address.checked(host, port))
 
 
 def _hands(inverse: InverseKinematics, joints: Floats) -> dict[str, Pose]:

@@ -27,6 +27,15 @@ class InvalidProgram(StructuredError, RobotError):
         return f"{where}: {self.reason}" if where else self.reason
 
 
+class FingerprintMismatch(StructuredError, RobotError):
+    """A program was checked against another `part` (program, robot or map) than the robot has."""
+
+    part: str
+    checked: str
+    present: str
+    message = "the program was checked against the {part} {checked}, but the robot has {present}; check it again"
+
+
 class Unreachable(StructuredError, RobotError):
     """`hand` (left or right) can't reach its target."""
 

@@ -1,5 +1,5 @@
 """What is probably drawn wrong in a floor's plan, though it breaks no rule: walls through objects, doors beside all
-walls, rooms without a door."""
+walls, movable objects that are too heavy, rooms without a door."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ from robocorba.map_editor.geometry import (
     shaft_polygon,
 )
 from robocorba.map_editor.model import Building, Door, ElementKind, FloorMap, Wall
+from robocorba.map_editor.spatial.pose import MAX_CARRIERS, PAYLOAD_KG
 
 #: A wall goes through an object from this depth on [m]; objects that only touch walls are common.
 DEPTH_M = 0.05
@@ -37,6 +38,7 @@ def plan_defects(building: Building, floor: str, robot_m: float = ROOM_ROBOT_M) 
     plan = building.floors[floor].geometrical
     fixed = [item for item in found if not (item.kind == "object" and plan.objects[item.name].movable)]
     yield from _doors_beside_walls(building.floors[floor], fixed)
+    yield from _too_heavy(building.floors[floor])
     yield from _closed_rooms(building, floor, fixed, min(robot_m, ROOM_ROBOT_M))
 
 
@@ -72,6 +74,20 @@ def _doors_beside_walls(entry: FloorMap, fixed: Sequence[Obstacle]) -> Iterator[
                 (entry.floor.name, line.centroid.x, line.centroid.y),
                 "it lies neither on a wall nor between two walls",
                 f"doors of {entry.floor.name} on no wall",
+            )
+
+
+def _too_heavy(entry: FloorMap) -> Iterator[Finding]:
+    """Movable objects that no robots can carry, by the mass that the map gives."""
+    for item in entry.geometrical.objects.values():
+        needed = math.ceil(item.mass / PAYLOAD_KG - 1e-9) if item.movable else 0
+        if needed > MAX_CARRIERS:
+            yield _defect(
+                ElementKind.OBJECT,
+                item.name,
+                (entry.floor.name, *item.at),
+                f"its {item.mass:g} kg need {needed} robots of {PAYLOAD_KG:g} kg; at most {MAX_CARRIERS} carry it",
+                f"movable objects of {entry.floor.name} that are too heavy for {MAX_CARRIERS} robots",
             )
 
 

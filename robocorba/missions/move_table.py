@@ -13,7 +13,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.errors.robots import GoalReached, MissionFailed
 from robocorba.map_editor.geometry import Obstacle, shaft_polygon
 from robocorba.map_editor.spatial.frames import out_of
-from robocorba.map_editor.spatial.pose import Limits, Pose, Pose2D
+from robocorba.map_editor.spatial.pose import PAYLOAD_KG, Limits, Pose, Pose2D
 from robocorba.missions import subplan
 from robocorba.missions.carry_control import GOAL_M, GOAL_RAD
 from robocorba.missions.carry_planning import CarryLeg, CarryPlan, plan_carries
@@ -37,7 +37,6 @@ from robocorba.missions.world import StandingRobot, World
 from robocorba.planning.request import Place
 from robocorba.robot.programs.icons import Destination
 from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, MAX_BOARDING_S
-from robocorba.simulation.occupants import PAYLOAD_KG
 from robocorba.simulation.reservations import MAX_ALTERNATIVES, MAX_LIMIT_S
 
 #: Time to spare before the doors close [s].

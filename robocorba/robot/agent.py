@@ -86,6 +86,8 @@ class AgentCalls:
     changed: Callable[[], None] = lambda: None
     #: In each control cycle, with the state that was read; must not block.
     observe: Callable[[RobotState], None] | None = None
+    #: With a program's report, as `note` of a Runner.
+    note: Callable[[Program, ProgramReport], None] = lambda program, report: None
 
 
 class ControlAgent:
@@ -145,6 +147,7 @@ class ControlAgent:
             self._lease.start()  # an actual robot may take longer to start than a lease lasts
             self._emergency.start()
             self._start_adaptor(adaptor, argv)
+            self._context = self._context._replace(last_pose=None)  # from here on the session knows
 
     def close(self) -> None:
         """Stop the robot, and log off."""
@@ -215,7 +218,7 @@ class ControlAgent:
             for finding in lacking.findings:
                 raise IllegalOrder("run the loaded program", f"can't sense what it needs: {finding}")
             robot.execution.reset(is_stepping)
-            self._begin(Runner(self._program, robot, self._others, mission))
+            self._begin(Runner(self._program, robot, self._others, mission, self._calls.note))
 
     def start_mission(self, mission: str, program: Program) -> None:
         """Load and run a program of one cooperative icon (`program.of_icon`) as the mission of this name. Raises
@@ -361,6 +364,11 @@ class ControlAgent:
         return self._emergency.latch.reason or (self._controller.stopped if self._controller else "")
 
     @property
+    def held(self) -> str:
+        """Why an emergency stop holds the robot, or empty."""
+        return self._emergency.latch.reason
+
+    @property
     def stop_answer(self) -> StopAnswer:
         """Whether the robot is stopped, and whether its adaptor has confirmed that."""
         controller = self._controller
@@ -381,6 +389,11 @@ class ControlAgent:
     def is_resting(self) -> bool:
         """Whether the robot has no task, and nothing has moved it for a while."""
         return self._controller is not None and self._controller.is_idle and not self._is_running
+
+    @property
+    def actor(self) -> RobotState | None:
+        """What the adaptor has read last; None before it has started."""
+        return self._controller.state if self._controller else None
 
     @property
     def joints(self) -> Floats:
@@ -593,7 +606,7 @@ class ControlAgent:
             self._blocked_at_m = distance_m + BODY_BLOCKED_M  # the robot brakes, and may return
             if self._controller:
                 self._controller.cancel(MotionFailed(_blocked_reason(body, distance_m)))
-        self.session.command(_follow_velocity(state, body.at), 0.1)
+        self.session.command(follow_velocity(state, body.at), 0.1)
 
     def _record(self, state: RobotState, command: ActorCommand) -> None:
         report = self._report
@@ -611,7 +624,7 @@ def _blocked_reason(body: SessionState, distance_m: float) -> str:
     return f"its body in the simulation is {distance_m:.2f} m away, as if an obstacle blocked it{obstacle}"
 
 
-def _follow_velocity(robot: RobotState, body: Pose) -> Velocity:
+def follow_velocity(robot: RobotState, body: Pose) -> Velocity:
     """The velocity of a body that follows a robot, in the body's frame."""
     gain = 5.0  # [1/s]
     error_rad = math.remainder(robot.heading - body.heading, math.tau)

@@ -34,6 +34,16 @@ class ProgramReport(NamedTuple):
     seconds: float = 0.0
 
 
+class RunReport(NamedTuple):
+    """A run. number: counts the runs of all processes of the agent. upload: number of the program's upload, 0 if it was
+    loaded otherwise. ended: POSIX time [s], 0 while it runs."""
+
+    number: int
+    upload: int
+    ended: float
+    program: ProgramReport
+
+
 class IconBegun(NamedTuple):
     """An icon that has begun. number: counts from 0. seconds: since the program's start."""
 

@@ -9,14 +9,18 @@ from typing import Any, NamedTuple
 from robocorba.errors.robots import UnknownAdaptor
 from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.session import BuildingSession
+from robocorba.simulation.registry import Pose
 
 
 class AdaptorContext(NamedTuple):
-    """What the factory of an adaptor gets: the robot's name, its session in the building, and the process's ORB."""
+    """What the factory of an adaptor gets: the robot's name, its session in the building, and the process's ORB.
+    last_pose: where a former process of the agent has left the robot, by which its odometry goes on; None if the
+    session's pose is the robot's."""
 
     name: str
     session: BuildingSession
     orb: Any
+    last_pose: Pose | None = None
 
 
 def installed() -> list[str]:

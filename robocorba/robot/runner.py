@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import fnmatch
 import functools
+import logging
 import re
 import threading
 import time
@@ -25,6 +26,8 @@ from robocorba.system.backoff import Backoff
 
 #: Time without a distance from its sensor after which a stop_if_closer icon fails [s].
 BLIND_LIMIT_S = 1.0
+
+_log = logging.getLogger(__name__)
 
 
 class ReceivedEvent(NamedTuple):
@@ -51,10 +54,19 @@ class OtherRobots(Protocol):
 class Runner:
     """One run of a program on a robot, by one thread; any thread may read its report.
 
-    mission: name of the mission of its first cooperative icon, empty for a new one."""
+    mission: name of the mission of its first cooperative icon, empty for a new one. note: called with the report when
+    an icon begins, and before others see that the program has ended."""
 
-    def __init__(self, program: Program, robot: Robot, others: OtherRobots, mission: str = "") -> None:
+    def __init__(
+        self,
+        program: Program,
+        robot: Robot,
+        others: OtherRobots,
+        mission: str = "",
+        note: Callable[[Program, ProgramReport], None] = lambda program, report: None,
+    ) -> None:
         self._program, self._robot, self._others, self._mission = program, robot, others, mission
+        self._note = note
         self._started_at = time.monotonic()
         self._last_report = ProgramReport(program.name)
         #: The last icons that have begun, and the last events that no condition has consumed.
@@ -74,13 +86,13 @@ class Runner:
         try:
             self._others.subscribe(_event_patterns(self._program), self._events.append)
             self._run_icons("icons", self._program.icons)
-            self._update(result=ProgramResult.DONE, icon="", kind="")
+            self._end(result=ProgramResult.DONE, icon="", kind="")
         except Aborted as error:
-            self._update(result=ProgramResult.ABORTED, reason=str(error))
+            self._end(result=ProgramResult.ABORTED, reason=str(error))
         except RoboCorbaError as error:
-            self._update(result=ProgramResult.FAILED, reason=str(error))
+            self._end(result=ProgramResult.FAILED, reason=str(error))
         except Exception as error:
-            self._update(result=ProgramResult.FAILED, reason=f"{type(error).__name__}: {error}")
+            self._end(result=ProgramResult.FAILED, reason=f"{type(error).__name__}: {error}")
             raise
         return self.report
 
@@ -97,6 +109,7 @@ class Runner:
             self._robot.execution.before_icon()
             count = self._begun[-1].number + 1 if self._begun else 0
             self._begun.append(IconBegun(count, path, kind(icon), self.report.seconds))
+            self._note(self._program, self.report)
             self._last_outcome = self._perform(icon, path)
             self._update(icons_done=self.report.icons_done + 1)
 
@@ -211,7 +224,18 @@ class Runner:
             self._robot.execution.settle(lambda why: isinstance(why, SensorStop) and why.icon is icon)
 
     def _update(self, **changes: Any) -> None:
-        self._last_report = self.report._replace(seconds=time.monotonic() - self._started_at, **changes)
+        self._last_report = self._changed(**changes)
+
+    def _changed(self, **changes: Any) -> ProgramReport:
+        return self.report._replace(seconds=time.monotonic() - self._started_at, **changes)
+
+    def _end(self, **changes: Any) -> None:
+        ended = self._changed(**changes)
+        try:
+            self._note(self._program, ended)
+        except RoboCorbaError as error:
+            _log.warning("the report of %s is not kept: %s", ended.name, error)
+        self._last_report = ended
 
 
 def _words(condition: Condition) -> str:

@@ -102,10 +102,10 @@ class SmartPalUnits(Protocol):
 class SmartPalAdaptor(RobotAdaptor):
     """connect: resolves the units of the robot whose naming service listens at HOST:PORT; find_senses: what that robot
     senses, or None. body_pose: the pose of the robot's body in the building, or None. start_limit_s: timeout of `start`
-    for all units to become ready [s].
+    for all units to become ready [s]. last_pose: where a former process of this robot's agent has left it, or None.
 
     `start` takes `--naming HOST:PORT [--pose=X,Y,HEADING]`. The pose [m, rad] is the robot's at the first start, by
-    default that of its body. Later starts use the robot's odometry."""
+    default that of its body. Later starts, and a first one with `last_pose`, use the robot's odometry."""
 
     waits_for = "the actual robot"
 
@@ -115,7 +115,9 @@ class SmartPalAdaptor(RobotAdaptor):
         body_pose: Callable[[], Frame | None] = lambda: None,
         find_senses: Callable[[str], Senses | None] = lambda naming: None,
         start_limit_s: float = 10.0,
+        last_pose: Frame | None = None,
     ) -> None:
+        self._last_pose = last_pose
         self._connect, self._body_pose, self._start_limit_s = connect, body_pose, start_limit_s
         self._find_senses = find_senses
         #: The last pose read.
@@ -239,14 +241,15 @@ class SmartPalAdaptor(RobotAdaptor):
     def _set_pose(self, units: SmartPalUnits, first_pose: Frame | None) -> None:
         """Set the odometry at the first start, and after it was reset, as by a switch of the robot: it differs by more
         than a robot moves that is disconnected."""
-        if self._pose is None:
+        expected = self._pose or (None if first_pose else self._last_pose)
+        if expected is None:
             if pose := first_pose or self._body_pose():
                 units.set_pose(*pose)
             return
         x, y, heading = units.pose()
-        turned_rad = math.remainder(heading - self._pose[2], math.tau)
-        if math.dist((x, y), self._pose[:2]) > 0.5 or abs(turned_rad) > 0.5:
-            units.set_pose(*self._pose)
+        turned_rad = math.remainder(heading - expected[2], math.tau)
+        if math.dist((x, y), expected[:2]) > 0.5 or abs(turned_rad) > 0.5:
+            units.set_pose(*expected)
 
     def _set_jog_timeout(self, units: SmartPalUnits, valid_s: float) -> None:
         """To the validity of the command, between the bounds of the units."""

@@ -15,7 +15,7 @@ from robocorba.map_editor.model import ElementKind, MapObject
 from robocorba.map_editor.movable import ambiguity, full_name, object_outline
 from robocorba.map_editor.spatial.floor_update import Body, BodyKind
 from robocorba.map_editor.spatial.frames import out_of
-from robocorba.map_editor.spatial.pose import Pose
+from robocorba.map_editor.spatial.pose import PAYLOAD_KG, Pose
 from robocorba.simulation.body_names import is_robot, owner
 from robocorba.simulation.physics import FloorPhysics
 from robocorba.simulation.placed_object import PlacedObject
@@ -25,8 +25,6 @@ from robocorba.simulation.world_record import ObjectRecord, RobotRecord
 
 #: Maximum distance of a grip point from the robot's centre [m].
 MAX_REACH_M = 1.0
-#: Mass that one robot carries [kg]: a SmartPal grips with both hands, 2 kg each.
-PAYLOAD_KG = 4.0
 #: Maximum distance of a grip point from the object's outline [m].
 MAX_GRIP_DISTANCE_M = 0.05
 #: The body that a robot holds, and the grip point on the floor [m].

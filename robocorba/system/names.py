@@ -5,6 +5,8 @@ CHANNELS = "EventChannels"
 SENSORS = "VirtualSensors"
 ROBOTS = "Robots"
 ADAPTORS = "Adaptors"
+#: Key of the agent at the address of a robot's own computer.
+ROBOT_AGENT = "RobotAgent"
 #: Subfolder of the state folder with the reports of missions that a robot led.
 MISSIONS = "missions"
 #: File in the state folder with the object reference of the simulation's administrator.

@@ -84,8 +84,9 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     ),
     "RobotAgent": _rules(
         (EVERYBODY, "_get_release _get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission"),
-        (EVERYBODY, "_get_display _get_question _get_linkPoses _get_sensors iconsFrom adaptors"),
+        (EVERYBODY, "_get_display _get_question _get_linkPoses _get_sensors iconsFrom adaptors reports"),
         (OPERATORS, "checkProgram loadProgram run pause resume step answer abort stop resetStop drive"),
+        (OPERATORS, "fingerprint upload"),
         (OPERATORS, "startMission leadMission abortMission switchAdaptor setSpeedCap"),
     ),
     "RobotAdaptor": _rules(

@@ -365,7 +365,8 @@ class RobotSettings:
     area in which it logs on. tick_file: CSV file with one row for each
     control cycle of its programs, None for no file. prints_progress: prints a line whenever what the robot does
     changes. protects: whether robots have a protective field, None for the usual ones. perceives: whether they avoid
-    what they see, and not what only the simulation knows."""
+    what they see, and not what only the simulation knows. is_agent_only: it runs on the robot's computer, without
+    the servers."""
 
     common: Settings
     name: str
@@ -380,12 +381,13 @@ class RobotSettings:
     prints_progress: bool
     protects: bool | None = None
     perceives: bool = False
+    is_agent_only: bool = False
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
         """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--progress] [--protect on|off] [--perceive simulation|sensors] [--endpoint HOST:PORT] [--naming HOST:PORT]
-        [--state DIR] [-- arguments of the adaptor]`.
+        [--progress] [--protect on|off] [--perceive simulation|sensors] [--agent-only] [--endpoint HOST:PORT]
+        [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
 
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
@@ -426,6 +428,11 @@ class RobotSettings:
             help="avoid others and objects where the simulation has them, or what the robot's sensors see; default: "
             "simulation",
         )
+        parser.add_argument(
+            "--agent-only",
+            action="store_true",
+            help="on the computer of an actual robot: keep uploaded programs and run them without the servers",
+        )
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
@@ -444,6 +451,7 @@ class RobotSettings:
             given.progress,
             given.protect and given.protect == "on",
             given.perceive == "sensors",
+            given.agent_only,
         )
 
 

@@ -40,7 +40,8 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
-from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult, RunReport
+from robocorba.robot.display import Display, DisplayKind
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import Side
 from robocorba.robot.kinematics.tasks import POSTURES
@@ -50,6 +51,7 @@ from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.registry import Pose
 from robocorba.system.decoding import Work
+from robocorba.system.settings import InvalidSetting
 from testkit.buildings import two_floors
 from tests.console.asgi import answer, ask
 from tests.waits import work_for
@@ -381,6 +383,26 @@ class Agent:
     def switch(self, adaptor: str, argv: Sequence[str]) -> None:
         self.switched = adaptor, argv
 
+    name = "robot on 10.0.0.2"
+
+    def sensors(self) -> list[str]:
+        return ["laser"]
+
+    def display(self) -> Display:
+        return Display(DisplayKind.WAITING, "waiting for an order")
+
+    def reports(self, since: str) -> tuple[list[RunReport], str]:
+        number = int(since or "0") + 1
+        return [RunReport(number, 1, 5.0, self.progress)] if number < 3 else [], str(number)
+
+    def fingerprint(self, json: str) -> str:
+        return f"of {json}"
+
+    def upload(self, json: str, checked: str) -> int:
+        assert checked == f"of {json}"
+        self.load(json)
+        return 7
+
 
 @pytest.fixture
 def agent() -> Agent:
@@ -390,7 +412,7 @@ def agent() -> Agent:
 @pytest.fixture
 def operations(agent: Agent) -> ProgramOperations:
     def found(name: str) -> Agent:
-        if name != "A":
+        if name not in ("A", "10.0.0.2:2831"):
             raise NotReachable(f"robot {name} does not answer")
         return agent
 
@@ -449,6 +471,25 @@ def test_a_program_that_is_refused_does_not_run(operations: ProgramOperations, a
     with pytest.raises(IllegalOrder):
         operations.run_program("A", WAITS)
     assert agent.calls == []
+
+
+def test_a_robots_own_computer_is_found_and_gets_programs(operations: ProgramOperations, agent: Agent) -> None:
+    found = operations.reach_computer("10.0.0.2", 2831)
+    assert [found[name] for name in ("name", "adaptor", "display")] == [agent.name, "simulated", "waiting for an order"]
+    assert found["sensors"] == ["laser"] and [each["number"] for each in found["reports"]] == [1, 2]
+    json.dumps(found)
+    for robot, runs in (("", False), ("A", True)):
+        answer = operations.upload_program("10.0.0.2", 2831, WAITS, robot, runs)
+        assert answer == {"name": agent.name, "number": 7} and agent.loaded == programs.loads(WAITS)
+    assert agent.calls == ["check", "check", "run"]
+    agent.report.add_finding("icons[0]", "seconds", "is too long")
+    with pytest.raises(InvalidProgram):
+        operations.upload_program("10.0.0.2", 2831, WAITS)
+    for host, port in (("-x", 2831), ("10.0.0.2", 0), ("", 1), (5, 1), ("10.0.0.2", "1")):
+        with pytest.raises((InvalidSetting, InvalidArguments)):
+            operations.reach_computer(host, port)  # type: ignore[arg-type]
+    with pytest.raises(NotReachable):
+        operations.reach_computer("10.0.0.3", 2831)
 
 
 def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: ProgramOperations, agent: Agent) -> None:

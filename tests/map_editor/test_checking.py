@@ -7,6 +7,7 @@ import pytest
 
 from robocorba.errors.maps import TooSlow, UnknownElement
 from robocorba.map_editor.checking import blocked, findings, floor_findings, summaries
+from robocorba.map_editor.edits import Finding
 from robocorba.map_editor.geometry import DOOR_REACH_M
 from robocorba.map_editor.model import (
     Area,
@@ -316,3 +317,16 @@ def test_defects_are_findings_of_their_floor() -> None:
     assert all(found.kind is ElementKind.FLOOR for found in floor_findings(building, "L2", 0.4))
     with pytest.raises(UnknownElement):
         floor_findings(building, "L9", 0.4)
+
+
+def test_movable_objects_that_no_robots_can_carry() -> None:
+    """By the mass that the map gives; one that it does not give is only assumed."""
+
+    def found(mass: float, movable: bool = True) -> list[Finding]:
+        table = MapObject("T", BoxShape((4.0, 1.0)), (5.0, 5.0), 0.0, 1.0, movable, mass)
+        return list(plan_defects(floor(table), "L1"))
+
+    assert found(24.0) == found(0.0) == found(24.5, movable=False) == []
+    heavy = found(24.5)
+    assert heavy[0].reason == "its 24.5 kg need 7 robots of 4 kg; at most 6 carry it"
+    assert summaries(heavy) == ("movable objects of L1 that are too heavy for 6 robots (1): T near 5, 5",)

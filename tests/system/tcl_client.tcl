@@ -826,6 +826,10 @@ subject robot_agent {
     $agent loadProgram {{"name": "Küche", "icons": [
         {"icon": "mbase_path", "floor": "L1", "x": 5.0, "y": 5.0}, {"icon": "mbase_by", "ahead": -0.1}]}}
     answer program $agent program
+    check {[string match {program * robot * map * version *} [$agent fingerprint [$agent program]]]}
+    refused InvalidProgram {icon {icons[0]} parameter seconds} {$agent fingerprint $bad}
+    refused IllegalOrder {order {keep an upload}} {$agent upload [$agent program] {}}
+    check {[$agent reports {}] eq {reports {} next {}}}
     $agent setSpeedCap 0.5
     check {[get [$agent state] speedCap] == 0.5}
     refused InvalidSetting {field speed} {$agent setSpeedCap 100.0}

@@ -17,6 +17,7 @@ import { ProgramRun } from "/static/program_run.js";
 import { ProgramText } from "/static/program_text.js";
 import { robotSide } from "/static/program_robot.js";
 import { RunBar } from "/static/run_bar.js";
+import { SwitchPanel } from "/static/switch_panel.js";
 import { TargetMap } from "/static/target_map.js";
 import { UploadPanel } from "/static/upload_panel.js";
 
@@ -32,7 +33,8 @@ const WIDE = "(min-width: 1700px)";
 
 export default {
   components: {
-    IconForm, IconList, IconPalette, PosePicker, PosturePreview, ProgramBar, ProgramText, RunBar, TargetMap, UploadPanel,
+    IconForm, IconList, IconPalette, PosePicker, PosturePreview, ProgramBar, ProgramText, RunBar, SwitchPanel, TargetMap,
+    UploadPanel,
   },
   template: `
     <div class="program-page">
@@ -43,9 +45,12 @@ export default {
                    @example="(name) => openText('the example ' + name, examples[name])"></program-bar>
       <run-bar :robots="robots" :robot="robotRow" :can-run="!whyNot" :why="whyNot" :progress="progress"
                @choose="choose" @run="start(false)" @step="step" @pause="pause" @abort="order('abort_program')"
-               @release="order('reset_stop')" @upload="isUploading = !isUploading" @dismiss="dismiss"></run-bar>
-      <upload-panel v-if="isUploading" :robot="robot" :current="robotRow.adaptor" :program="model.name"
-                    :can-run="!whyNot" @switched="switched" @close="isUploading = false"></upload-panel>
+               @release="order('reset_stop')" @panel="(name) => panel = panel === name ? '' : name"
+               @dismiss="dismiss"></run-bar>
+      <switch-panel v-if="panel === 'switch'" :robot="robot" :current="robotRow.adaptor" :program="model.name"
+                    :can-run="!whyNot" @switched="switched" @close="panel = ''"></switch-panel>
+      <upload-panel v-if="panel === 'upload'" :robot="robot" :program="model.name" :json="jsonText"
+                    :can-run="!whyNot" @close="panel = ''"></upload-panel>
       <div v-if="!schema" class="console-message">{{ loading }}
         <q-btn v-if="isLoadFailed" dense no-caps outline label="Try again" @click="load" /></div>
       <div v-else class="program-columns">

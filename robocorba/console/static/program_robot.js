@@ -6,7 +6,7 @@ import { fourDigits } from "/static/program_model.js";
 import { shiftedPaths } from "/static/program_run.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
 import { shortened } from "/static/texts.js";
-import { VIRTUAL } from "/static/upload_panel.js";
+import { VIRTUAL } from "/static/switch_panel.js";
 
 const STORED_ROBOT = "robocorba-robot";
 const STORED_RUN = "robocorba-run";
@@ -14,7 +14,7 @@ const LEFT_ARM = 0, RIGHT_ARM = 7, ARM = 7, LUMBAR = 14;
 
 function state() {
   return {
-    rows: {}, robots: [], robot: "", robotRow: { name: "" }, isUploading: false, names: {}, floors: [],
+    rows: {}, robots: [], robot: "", robotRow: { name: "" }, panel: "", names: {}, floors: [],
     marks: { runningId: null, holderIds: new Set(), doneIds: new Set(), failedId: null, report: null, condition: "" },
     progress: { text: "", kind: "", isOver: false },
   };
@@ -52,7 +52,7 @@ const methods = {
     this.robotChosen();
   },
   robotChosen() {
-    this.isUploading = false;
+    this.panel = "";
     this.findings = [];
     this.run.close();
     this.run.clear();
@@ -157,7 +157,7 @@ const methods = {
     }
   },
   async switched({ robot, adaptor, isRun }) {
-    this.isUploading = false;
+    this.panel = "";
     this.note(`${robot} now moves the robot behind ${adaptor}`);
     if (isRun) await this.start(false);
   },

@@ -6,7 +6,7 @@ export const RunBar = {
   // for none name is "".
   // progress: {text, kind: "" | "error" | "done"} of the running or last program.
   props: { robots: Array, robot: Object, canRun: Boolean, why: String, progress: Object },
-  emits: ["choose", "run", "step", "pause", "abort", "release", "upload", "dismiss"],
+  emits: ["choose", "run", "step", "pause", "abort", "release", "panel", "dismiss"],
   template: `
     <div class="program-bar run-bar" role="toolbar" aria-label="Run">
       <label class="run-robot"><span>robot</span>
@@ -23,8 +23,11 @@ export const RunBar = {
       <q-btn dense no-caps outline :icon="isPaused ? 'play_arrow' : 'pause'" :disable="!isActive"
              :label="isPaused ? 'Resume' : 'Pause'" @click="$emit('pause')" />
       <q-btn dense no-caps outline icon="stop" label="Abort" :disable="!isActive" @click="$emit('abort')" />
-      <q-btn dense no-caps outline icon="swap_horiz" :label="robot.isActual ? 'Back to virtual' : 'Upload to actual'"
-             :disable="!robot.name || isActive" @click="$emit('upload')" />
+      <q-btn dense no-caps outline icon="upload" label="Upload"
+             title="To the robot's own computer, which runs it without this one" @click="$emit('panel', 'upload')" />
+      <q-btn dense no-caps outline icon="swap_horiz" :label="robot.isActual ? 'Switch to virtual' : 'Switch to actual'"
+             title="This computer moves another robot from now on" :disable="!robot.name || isActive"
+             @click="$emit('panel', 'switch')" />
       <span class="run-progress" :class="'is-' + (problem ? 'error' : progress.kind)" role="status" aria-live="polite">
         <q-icon v-if="problem || progress.kind === 'error'" name="warning" size="18px" />
         <q-icon v-else-if="progress.kind === 'done'" name="check_circle" size="18px" />

@@ -1,92 +1,74 @@
-// Connects another robot to the agent, actual or virtual, after a confirmation that names robot and adaptor.
+// Uploads the program to the agent on a robot's own computer, which runs it without this one, and shows its reports.
+import { plainWords } from "/static/icon_looks.js";
 import { call } from "/static/live.js";
+import { AddressFields, isAddress, lastAddress, rememberAddress } from "/static/robot_address.js";
 import { shortened } from "/static/texts.js";
 
-export const VIRTUAL = "simulated";
-const HINTS = {
-  smartpal: "--naming HOST:PORT, the naming service of the robot",
-  corba: "--uri URI, the reference of the adaptor",
-};
-const STORED = "robocorba-adaptor-arguments";
+const PURPOSE = "upload", WHAT = "the robot's computer", SHOWN = 5;
 
 export const UploadPanel = {
-  // current: the adaptor of the robot. canRun: the program can run.
-  props: { robot: String, current: String, program: String, canRun: Boolean },
-  emits: ["switched", "close"],
+  components: { AddressFields },
+  // robot: who has checked the program; json: its text. canRun: it can run there.
+  props: { robot: String, program: String, json: String, canRun: Boolean },
+  emits: ["close"],
   template: `
-    <section class="upload-panel" aria-label="Upload to another robot" @keydown.esc="$emit('close')">
-      <p>{{ isActual ? "The program leaves the virtual robot" : "The agent goes back to the virtual robot" }}:
-        from now on <b>{{ robot }}</b> moves the robot behind the adaptor <b>{{ adaptor || "?" }}</b>
-        <template v-if="current"> instead of {{ current }}</template>.</p>
-      <label>adaptor <select ref="first" v-model="adaptor" aria-label="Adaptor">
-        <option v-for="each in others" :key="each" :value="each">{{ each }}</option></select></label>
-      <label class="upload-arguments">its arguments
-        <input v-model="words" aria-label="Arguments of the adaptor" :placeholder="hint"></label>
-      <q-btn dense no-caps color="warning" text-color="black" :loading="isSwitching" :disable="!adaptor || !canRun"
-             @click="upload(true)"
-             :label="switching + ' and run \u201c' + shortened(program, 30) + '\u201d'" />
-      <q-btn dense no-caps outline :disable="!adaptor || isSwitching"
-             :label="switching + ' only'" @click="upload(false)" />
-      <q-btn dense no-caps flat label="Cancel" :disable="isSwitching" @click="$emit('close')" />
+    <section class="upload-panel" aria-label="Upload to the robot's computer" @keydown.esc="$emit('close')">
+      <p>The program goes to the agent on the robot's own computer, which keeps it, runs it without this computer, and
+        reports.</p>
+      <address-fields :address="address" :what="what"></address-fields>
+      <q-btn dense no-caps outline label="Test" :loading="doing === 'test'" :disable="!canAsk" @click="test" />
+      <q-btn dense no-caps color="warning" text-color="black" :loading="doing === 'run'" :disable="!canAsk || !canRun"
+             :label="'Upload and run \u201c' + shortened(program, 30) + '\u201d'" @click="upload(true)" />
+      <q-btn dense no-caps outline label="Upload only" :loading="doing === 'upload'" :disable="!canAsk || !canRun"
+             @click="upload(false)" />
+      <q-btn dense no-caps flat label="Close" @click="$emit('close')" />
       <p v-if="problem" class="icon-reason is-error" role="alert">{{ problem }}</p>
-      <p v-else-if="isSwitching"
-         role="status">switching {{ robot }} to {{ adaptor }}; an actual robot takes some seconds</p>
+      <p v-else-if="text" role="status">{{ text }}</p>
+      <ul v-if="reports.length" aria-label="Reports">
+        <li v-for="each in reports" :key="each.number">{{ lineOf(each) }}</li></ul>
     </section>`,
   data() {
-    return { adaptors: [], adaptor: "", words: "", problem: "", isSwitching: false };
+    return { address: lastAddress(PURPOSE), what: WHAT, doing: "", problem: "", text: "", reports: [] };
   },
   computed: {
-    others() {
-      return this.adaptors.filter((each) => each !== this.current);
+    canAsk() {
+      return !this.doing && isAddress(this.address);
     },
-    isActual() {
-      return this.adaptor !== VIRTUAL;
-    },
-    switching() {
-      return `Switch ${shortened(this.robot, 30)} to ${this.adaptor || "?"}`;
-    },
-    hint() {
-      return HINTS[this.adaptor] ?? "";
-    },
-  },
-  watch: {
-    adaptor() {
-      this.words = this.stored()[this.adaptor] ?? "";
-    },
-  },
-  async mounted() {
-    try {
-      this.adaptors = await call("adaptors", { robot: this.robot });
-      const isBack = this.current !== VIRTUAL && this.others.includes(VIRTUAL);
-      this.adaptor = isBack ? VIRTUAL : this.others.find((each) => each === "smartpal") ?? this.others[0] ?? "";
-      await this.$nextTick();
-      this.$refs.first?.focus();
-    } catch (error) {
-      this.problem = error.message;
-    }
   },
   methods: {
     shortened,
-    stored() {
+    lineOf({ number, ended, program }) {
+      const when = new Date(1000 * ended).toLocaleString(), where = program.icon ? ` at ${program.icon}` : "";
+      const why = program.reason ? `: ${plainWords(program.reason)}` : "";
+      const count = program.icons_done === 1 ? "1 icon" : `${program.icons_done} icons`;
+      return `${number}  ${when}  ${program.name}: ${program.result}${where}, ${count} done${why}`;
+    },
+    async attempt(doing, operation, argument) {
+      const host = this.address.host.trim(), port = Number(this.address.port);
+      this.doing = doing;
+      this.problem = this.text = "";
       try {
-        return JSON.parse(localStorage.getItem(STORED)) ?? {};
-      } catch {
-        return {};
+        const answer = await call(operation, { host, port, ...argument });
+        rememberAddress(PURPOSE, this.address);
+        return answer;
+      } catch (error) {
+        this.problem = plainWords(error.message);
+        return null;
+      } finally {
+        this.doing = "";
       }
     },
+    async test() {
+      const found = await this.attempt("test", "reach_computer");
+      if (!found) return;
+      const sensors = found.sensors.length ? `sensors ${found.sensors.join(", ")}` : "no range sensors";
+      this.text = `${found.name} answers: adaptor ${found.adaptor}, ${sensors}, ${found.display}`;
+      this.reports = found.reports.slice(-SHOWN).reverse();
+    },
     async upload(isRun) {
-      const { robot, adaptor } = this;
-      this.isSwitching = true;
-      this.problem = "";
-      try {
-        await call("switch_adaptor", { robot, adaptor, arguments: this.words.trim().split(/\s+/).filter(Boolean) });
-        localStorage.setItem(STORED, JSON.stringify({ ...this.stored(), [adaptor]: this.words.trim() }));
-        this.$emit("switched", { robot, adaptor, isRun });
-      } catch (error) {
-        this.problem = error.message;
-      } finally {
-        this.isSwitching = false;
-      }
+      const argument = { robot: this.robot, program: this.json, run: isRun };
+      const found = await this.attempt(isRun ? "run" : "upload", "upload_program", argument);
+      if (found) this.text = `${found.name} has upload ${found.number}${isRun ? " and runs it" : ""}; Test shows its report`;
     },
   },
 };

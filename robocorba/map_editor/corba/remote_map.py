@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -185,6 +185,12 @@ def elements_of_floor(orb: Orb, kind: ElementKind, floor: str) -> Iterator[tuple
     for page in pages:
         for record in page.elements:
             yield chosen, maps.element_of(record.value)
+
+
+def map_at_editor(orb: Orb) -> Callable[[], tuple[str, int]]:
+    """Returns name and present version of the map. Raises NotReachable."""
+    editor = RemoteObject(orb, "MapEditor", RoboCorba.MapEditor, "the map editor", 2.0, 2.0)
+    return lambda: editor.call(lambda asked: (str(asked._get_buildingName()), int(asked._get_currentVersion())))
 
 
 def exported(orb: Orb, timeout_s: float) -> str:

@@ -61,6 +61,9 @@ def _report(building: Building, floor: str, losses: Losses) -> None:
         losses.add("nodes and edges are left out: {names}", floor)
     if entry.geometrical.areas:
         losses.add("areas are left out: {names}", floor)
+    for map_object in entry.geometrical.objects.values():
+        if map_object.mass:
+            losses.add("masses of objects are not kept: {names}", f"{floor} {map_object.name}")
     for door in entry.geometrical.doors.values():
         state = "locked doors became walls: {names}" if door.locked else "doors became gaps in the walls: {names}"
         losses.add(state, f"{floor} {door.name}")

@@ -9,6 +9,9 @@ import msgspec
 
 #: Radius of the circle around SmartPal's base [m], the default robot of path requests and map checks.
 SMARTPAL_RADIUS_M = 0.40
+#: Mass that one robot carries [kg]: a SmartPal grips with both hands, 2 kg each; and number of robots that carry
+#: together at most.
+PAYLOAD_KG, MAX_CARRIERS = 4.0, 6
 
 #: A point of a floor: x and y [m].
 XY: TypeAlias = tuple[float, float]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol
 
 from robocorba.errors.robots import InvalidProgram
@@ -18,6 +19,7 @@ from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.programs import program
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
+from robocorba.robot.uploads import CheckedPrograms
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.stop_latch import EMERGENCY_STOP
 
@@ -37,16 +39,17 @@ class Missions(Protocol):
 
 
 class StopTargetServant(RoboCorba__POA.StopTarget):
-    """RoboCorba::StopTarget of a robot."""
+    """RoboCorba::StopTarget of a robot. stop: called with the reason and the number of a stop, by default that of the
+    agent."""
 
-    def __init__(self, agent: ControlAgent) -> None:
-        self._agent = agent
+    def __init__(self, agent: ControlAgent, stop: Callable[[str, int], None] | None = None) -> None:
+        self._agent, self._stop = agent, stop or agent.stop
 
     def stop(self, reason: str) -> Any:
         return self.stopNumbered(reason, 0)
 
     def stopNumbered(self, reason: str, number: int) -> Any:
-        self._agent.stop(reason or EMERGENCY_STOP, number)  # also one that is stopped until it answers again
+        self._stop(reason or EMERGENCY_STOP, number)  # also one that is stopped until it answers again
         return self._get_answer()
 
     def _get_answer(self) -> Any:
@@ -57,8 +60,17 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     """RoboCorba::RobotAgent. pool, sensors: references of its data pool and its senses. channel: the event channel of
     its sub-network."""
 
-    def __init__(self, agent: ControlAgent, pool: Any, sensors: Any, channel: str, missions: Missions) -> None:
-        self._agent, self._pool, self._sensors, self._channel, self._missions = agent, pool, sensors, channel, missions
+    def __init__(
+        self,
+        agent: ControlAgent,
+        pool: Any,
+        sensors: Any,
+        channel: str,
+        missions: Missions,
+        programs: CheckedPrograms,
+    ) -> None:
+        self._agent, self._pool, self._sensors, self._channel = agent, pool, sensors, channel
+        self._missions, self._programs = missions, programs
 
     def _get_name(self) -> str:
         return self._agent.name
@@ -127,6 +139,18 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     @translating
     def loadProgram(self, json: str) -> None:
         self._agent.load(program.loads(json))
+
+    @translating
+    def fingerprint(self, json: str) -> str:
+        return str(self._programs.fingerprint(json))
+
+    @translating
+    def upload(self, json: str, checked: str) -> int:
+        return self._programs.upload(json, checked)
+
+    @translating
+    def reports(self, since: str) -> Any:
+        return robot_states.run_reports(*self._programs.reports(since))
 
     @translating
     def run(self, stepping: bool) -> None:

@@ -13,14 +13,15 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import Answer, translated
-from robocorba.robot.agent_state import AgentState, IconBegun, Question
+from robocorba.robot.agent_state import AgentState, IconBegun, Question, RunReport
 from robocorba.robot.corba import robot_states
 from robocorba.robot.display import Display, display_of
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
 from robocorba.system.background import Background
-from robocorba.system.names import ROBOTS
+from robocorba.system.names import ROBOT_AGENT, ROBOTS
+from robocorba.system.settings import Address
 
 
 class OrderLimits(NamedTuple):
@@ -39,12 +40,19 @@ CALM = OrderLimits(16, 5.0, 60.0)
 
 
 class RemoteAgent:
-    """The agent of the robot `name`. Raises NotReachable if it is not found within `timeout_s`, and in calls that it
-    does not answer within 3 s, or 40 s where it checks a program or starts an adaptor."""
+    """The agent of the robot `name`, or of the one whose computer listens at HOST:PORT, without a naming service.
+
+    Raises NotReachable if it is not found within `timeout_s`, and in calls that it does not answer within 3 s, or 40 s
+    where it checks a program or starts an adaptor; InvalidSetting for a wrong HOST:PORT."""
 
     def __init__(self, orb: Orb, name: str, timeout_s: float = 3.0) -> None:
         self.name = name
-        self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, 3.0)
+        if ":" in name:  # which no name of a robot contains
+            at = orb.uri_at(Address.parse(name, "address of the robot's computer"), ROBOT_AGENT)
+            self._agent = orb.reference(at, RoboCorba.RobotAgent, 3.0)
+            self.name = str(self._call(self._agent._get_name))
+        else:
+            self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, 3.0)
         self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent, 40.0)
 
     def state(self) -> AgentState:
@@ -81,6 +89,25 @@ class RemoteAgent:
     def load(self, json: str) -> None:
         """Raises InvalidProgram, IllegalOrder."""
         self._call(lambda: self._slow_agent.loadProgram(json))
+
+    def fingerprint(self, json: str) -> str:
+        """What the robot checks a program against at present. Raises InvalidProgram."""
+        return str(self._call(lambda: self._slow_agent.fingerprint(json)))
+
+    def upload(self, json: str, checked: str) -> int:
+        """Load a program on the robot's own computer, which keeps it; returns the number of the upload. checked: the
+        fingerprint of what it was checked against. Raises InvalidProgram, IllegalOrder, FingerprintMismatch."""
+        return int(self._call(lambda: self._slow_agent.upload(json, checked)))
+
+    def reports(self, since: str) -> tuple[list[RunReport], str]:
+        """Reports of runs that are kept on the robot's own computer, and what to pass for those after them. since: that
+        of an earlier answer, empty for all."""
+        return robot_states.run_reports_of(self._call(lambda: self._agent.reports(since)))
+
+    def sensors(self) -> list[str]:
+        """Names of its range sensors."""
+        found = self._call(self._agent._get_sensors)
+        return [sensor.name for sensor in self._call(found.rangeSensors)] if found else []
 
     def run(self, is_stepping: bool = False) -> None:
         """Raises IllegalOrder."""

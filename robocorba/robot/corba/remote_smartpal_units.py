@@ -239,7 +239,8 @@ def adaptor(context: AdaptorContext) -> SmartPalAdaptor:
         at = context.session.latest.at
         return at.x, at.y, at.heading
 
-    return SmartPalAdaptor(units_at(context.orb), body_pose, senses_at(context.orb))
+    last_pose = context.last_pose and context.last_pose[1:]
+    return SmartPalAdaptor(units_at(context.orb), body_pose, senses_at(context.orb), last_pose=last_pose)
 
 
 def units_at(orb: Orb) -> Callable[[str], RemoteSmartPalUnits]:

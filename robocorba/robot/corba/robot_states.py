@@ -3,6 +3,7 @@ plans."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from robocorba.errors import robots as errors
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.orb.exceptions import register, register_with
 from robocorba.orb.structs import Converter, enumeration, struct_converter
-from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult
+from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult, RunReport
 from robocorba.robot.data_pool.plans import Plan
 from robocorba.robot.display import Display, DisplayKind
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
@@ -92,6 +93,7 @@ _AGENT_STATE = struct_converter(
 )
 
 
+_RUN = struct_converter(RunReport, RoboCorba.RunReport, program=_REPORT)
 _DISPLAY = struct_converter(Display, RoboCorba.AgentDisplay, kind=enumeration(DisplayKind, "DISPLAY_"))
 
 
@@ -141,6 +143,15 @@ def begun_of(struct: Any) -> IconBegun:
     return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
 
 
+def run_reports(reports: Sequence[RunReport], following: str) -> Any:
+    """A RunReports struct. following: where the next call begins."""
+    return RoboCorba.RunReports([_RUN.to_idl(report) for report in reports], following)
+
+
+def run_reports_of(struct: Any) -> tuple[list[RunReport], str]:
+    return [_RUN.from_idl(report) for report in struct.reports], struct.next
+
+
 def plan_record(plan: Plan) -> Any:
     return RoboCorba.PlanRecord(plan.name, plan.version, plan.content)
 
@@ -149,6 +160,7 @@ def plan_of(struct: Any) -> Plan:
     return Plan(struct.name, struct.current, struct.content)
 
 
+register(errors.FingerprintMismatch, RoboCorba.FingerprintMismatch, "part", "checked", "present")
 register(errors.UnknownPlan, RoboCorba.UnknownPlan, "name")
 register(errors.UnknownAdaptor, RoboCorba.UnknownAdaptor, "name", "known")
 register(errors.AdaptorFailed, RoboCorba.AdaptorFailed, "cause")

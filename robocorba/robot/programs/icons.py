@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, get_args
 
 from msgspec import Meta, Struct
 
+from robocorba.map_editor.spatial.pose import MAX_CARRIERS
 from robocorba.robot.kinematics.smartpal import (
     BASE_LIMITS,
     JOINT_LOWER,
@@ -374,7 +375,7 @@ class MoveTable(CooperativeIcon, frozen=True):
     table: Text
     to: Destination
     recovery_timeout: RecoveryTimeout | None = None
-    carriers: Annotated[int, Meta(ge=2, le=6)] | None = None
+    carriers: Annotated[int, Meta(ge=2, le=MAX_CARRIERS)] | None = None
 
     @property
     def moved(self) -> str:

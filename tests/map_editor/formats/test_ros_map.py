@@ -83,6 +83,14 @@ def test_several_floors_get_a_file_each(tmp_path: Path) -> None:
     assert "doors became gaps in the walls: L1 door, a b door" in exported.losses
 
 
+def test_a_mass_is_lost(tmp_path: Path) -> None:
+    building, file = _flat(), tmp_path / "flat.yaml"
+    objects = building.floors["L1"].geometrical.objects
+    assert not any("mass" in loss for loss in write_map(building, file, "ros", resolution_m=0.1).losses)
+    objects["heavy"] = MapObject("heavy", BoxShape((1.0, 1.0)), (3.0, 3.0), mass=5.0)
+    assert "masses of objects are not kept: L1 heavy" in write_map(building, file, "ros", resolution_m=0.1).losses
+
+
 def _room() -> np.ndarray:
     """A room of 40 x 20 free cells with unknown space around and a block of 4 x 4."""
     cells = np.full((30, 50), GREY, np.uint8)

@@ -197,6 +197,20 @@ def places(units: Units) -> list[tuple[Any, ...]]:
     return [order[1:] for order in orders(units, "set_pose")]
 
 
+def test_the_odometry_goes_on_by_where_a_former_process_has_left_the_robot(units: Units) -> None:
+    units.odometry = 7.3, 8.0, 0.9
+    left = SmartPalAdaptor(lambda naming: units, lambda: (7.0, 8.0, 0.9), last_pose=(7.0, 8.0, 0.9))
+    assert left.start(ARGUMENTS)
+    assert places(units) == []
+    left.stop()
+    units.odometry = 0.0, 0.0, 0.0  # it was switched off meanwhile
+    for arguments, pose in ((ARGUMENTS, (7.0, 8.0, 0.9)), ([*ARGUMENTS, "--pose=1,2,0.3"], (1.0, 2.0, 0.3))):
+        adaptor = SmartPalAdaptor(lambda naming: units, lambda: (7.0, 8.0, 0.9), last_pose=(7.0, 8.0, 0.9))
+        assert adaptor.start(arguments)
+        adaptor.stop()
+        assert places(units)[-1] == pose
+
+
 def test_a_robot_is_told_where_it_stands_when_it_is_started_first(units: Units) -> None:
     """Later its odometry knows better than who gave the argument, unless the robot was switched off and on."""
     body = SmartPalAdaptor(lambda naming: units, lambda: (4.0, 5.0, 0.6))

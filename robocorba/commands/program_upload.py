@@ -1,0 +1,79 @@
+"""robocorba program upload, reports: programs that run on a robot's own computer, and what became of them."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path as File
+from typing import TYPE_CHECKING, Annotated, Any
+
+import msgspec
+import typer
+
+from robocorba.commands.options import Json, Naming, connected
+from robocorba.commands.program import read
+from robocorba.commands.program_run import app
+from robocorba.system.printing import echo, line
+
+if TYPE_CHECKING:
+    from robocorba.robot.agent_state import ProgramReport
+
+__all__ = ["app"]
+
+_WHERE = "The robot's name, or HOST:PORT of its computer."
+
+
+@app.command()
+def upload(
+    file: Annotated[File, typer.Argument(metavar="FILE", help="A program, or - for the standard input.")],
+    robot: Annotated[str, typer.Option(metavar="NAME|HOST:PORT", help=_WHERE)],
+    checked_by: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The robot that checks it first, such as a virtual one.")
+    ] = None,
+    run: Annotated[bool, typer.Option("--run", help="Run it at once.")] = False,
+    naming: Naming = None,
+) -> None:
+    """Upload a program to a robot's own computer, where `robocorba robot --agent-only` keeps it and runs it without
+    this one. It is refused if map, robot or program are not those that it was checked against."""
+    from robocorba.robot.corba.remote_agent import RemoteAgent
+    from robocorba.robot.programs.program import dumps
+
+    with connected("program upload", naming) as orb:
+        json, target = dumps(read("upload", file)), RemoteAgent(orb, robot)
+        checker = RemoteAgent(orb, checked_by) if checked_by else target
+        checked = checker.fingerprint(json)
+        checker.check(json).require_valid()
+        line(target.name, f"upload {target.upload(json, checked)}", checked)
+        if run:
+            target.run()
+            line(target.name, "runs")
+
+
+@app.command()
+def reports(
+    robot: Annotated[str, typer.Argument(metavar="NAME|HOST:PORT", help=_WHERE)],
+    since: Annotated[str, typer.Option(metavar="NEXT", help="Those after an answer, by its `next` in JSON.")] = "",
+    as_json: Json = False,
+    naming: Naming = None,
+) -> None:
+    """Print how programs have ended on a robot's own computer, also those that ended while nobody could reach it."""
+    from robocorba.robot.corba.remote_agent import RemoteAgent
+
+    with connected("program reports", naming) as orb:
+        agent, found = RemoteAgent(orb, robot), []
+        page, following = agent.reports(since)
+        while page:
+            found += page
+            page, following = agent.reports(following)
+    if as_json:
+        plain = [{**each._asdict(), "program": _plain(each.program)} for each in found]
+        echo(msgspec.json.encode({"reports": plain, "next": following}).decode())
+        return
+    for each in found:
+        ended = datetime.fromtimestamp(each.ended).isoformat(" ", "seconds")
+        report = each.program
+        what = f"{report.result.name.lower()}, {report.icons_done} icons, {report.seconds:.1f} s"
+        line(str(each.number), ended, report.name, what, *filter(None, (report.icon, report.kind, report.reason)))
+
+
+def _plain(report: ProgramReport) -> dict[str, Any]:
+    return {**report._asdict(), "result": report.result.name.lower()}

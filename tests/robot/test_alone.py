@@ -1,0 +1,268 @@
+"""What a robot without servers has instead: a session, a map, a floor; and its body while there is a server."""
+
+from __future__ import annotations
+
+import contextlib
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, initialize, rule
+
+from robocorba.errors.paths import NoPath, UnknownFloor
+from robocorba.errors.robots import RobotLost, ServerAway
+from robocorba.map_editor import native
+from robocorba.planning.request import PathRequest, Place
+from robocorba.robot.body_in_building import FOLLOW_S, RETRY_S, BodyInBuilding
+from robocorba.robot.collision_avoidance.neighbours import Nearby
+from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.local_map import LocalFloor, LocalMap, kept_map
+from robocorba.robot.local_session import LocalSession, kept_pose
+from robocorba.robot.motion.robot_state import RobotState
+from robocorba.simulation.emergency_stops import NOT_HELD, StopHold
+from robocorba.simulation.registry import Pose
+from robocorba.simulation.sensing.scan import Mount, ray_sensor
+from robocorba.system.record_file import RecordFile
+from robocorba.system.stop_latch import StopLatch
+from tests.simulation.places import tower
+
+START = Pose("L1", 7.0, 2.0, 0.5)
+
+
+def record_file(folder: Path) -> RecordFile:
+    return RecordFile(folder / "agent.sqlite", 1, 1)
+
+
+@pytest.fixture
+def records(tmp_path: Path) -> Iterator[RecordFile]:
+    with record_file(tmp_path) as found:
+        yield found
+
+
+# ---- the session ----
+
+
+def test_the_session_is_where_the_adaptor_says_and_remembers_it(records: RecordFile) -> None:
+    told: list[RobotState] = []
+    session = LocalSession(records, START, lambda: told[-1] if told else None)
+    assert (session.state().at, kept_pose(records)) == (START, None)
+    session.keep_pose()
+    assert kept_pose(records) is None
+    told.append(RobotState(time=3.0, x=7.5, y=2.0, heading=0.5, velocity=(0.1, 0.0, 0.0)))
+    session.keep_pose()
+    assert kept_pose(records) == session.latest.at == Pose("L1", 7.5, 2.0, 0.5)
+    assert (session.latest.time, session.latest.velocity) == (3.0, (0.1, 0.0, 0.0))
+    told.append(RobotState(x=7.505, y=2.0, heading=0.5))  # noise of the odometry is not written
+    session.keep_pose()
+    assert kept_pose(records) == Pose("L1", 7.5, 2.0, 0.5)
+    told.append(RobotState(x=7.5, y=2.0, heading=0.6))
+    session.keep_pose()
+    assert kept_pose(records) == Pose("L1", 7.5, 2.0, 0.6)
+
+
+def test_a_stop_outlives_the_process(tmp_path: Path) -> None:
+    with record_file(tmp_path) as records:
+        session = LocalSession(records, START, lambda: None)
+        assert session.hold() == NOT_HELD
+        assert session.report_stop("button") == (True, StopHold(True, 1, "button"))
+        assert session.report_stop("again") == (False, StopHold(True, 1, "button"))
+    with record_file(tmp_path) as records:
+        session = LocalSession(records, START, lambda: None)
+        assert session.hold() == StopHold(True, 1, "button")
+        assert session.end_stops(0).is_held
+        assert not session.end_stops(1).is_held
+        assert session.report_stop("fire") == (True, StopHold(True, 2, "fire"))
+
+
+def test_what_only_the_simulation_server_has_is_refused(records: RecordFile) -> None:
+    session = LocalSession(records, START, lambda: None)
+    for call in (
+        lambda: session.announce_body(True),
+        lambda: session.scan(START, Mount(0.0, 0.0, 0.0), ray_sensor("laser").spec(0.0)),
+        lambda: session.grip("T1", 1.0, 1.0),
+        lambda: session.call_elevator("E1", "L2"),
+        session.longest_elevator_wait_s,
+        lambda: session.reserve([], 1.0),
+        lambda: session.reserve_one_of([], 1.0),
+        lambda: session.exchange_areas([], 1.0),
+        lambda: session.take_over_areas("B"),
+        lambda: session.keep_areas([]),
+    ):
+        with pytest.raises(RobotLost, match="needs the simulation server"):
+            call()
+    session.announce_body(False)
+    assert session.reservation() is None
+
+
+# ---- map and floor ----
+
+
+def test_the_map_is_kept_and_paths_stay_on_its_floor(records: RecordFile) -> None:
+    assert kept_map(records) is None
+    place = LocalMap(records, tower(), 1, "L1")
+    place.take(tower(), 2)
+    kept = kept_map(records)
+    assert kept and kept.version == 2 and native.loads(kept.text) == tower()
+    (path,) = place.paths(PathRequest(Place("L1", 7.0, 2.0), Place("L1", 2.0, 8.0)))
+    assert {point.floor for point in path.points} == {"L1"} and place.planner.version == 2
+    with pytest.raises(NoPath, match="E1"):
+        place.paths(PathRequest(Place("L1", 7.0, 2.0), Place("L2", 2.0, 8.0)))
+    for floor in ("L3", ""):
+        with pytest.raises(UnknownFloor):
+            LocalMap(records, tower(), 1, floor)
+    without = tower()
+    del without.floors["L1"]
+    without.elevators.clear()
+    place.take(without, 3)
+    with pytest.raises(UnknownFloor):
+        place.of("L1")
+
+
+def test_the_pool_holds_its_floor(records: RecordFile) -> None:
+    robot = RobotState(x=7.0, y=2.0, velocity=(0.2, 0.0, 0.0))
+    place = LocalMap(records, tower(), 1, "L1")
+    floor = LocalFloor(place, "A", lambda: robot)
+    pool = DataPool(floor.changes, place.of, "L1", "A")
+    pool.follow()
+    first = pool.current_snapshot()
+    own, table = first.robot("A"), first.object("T1")
+    assert own and table and (own.x, own.y, own.vx) == (7.0, 2.0, pytest.approx(0.2))
+    assert (table.x, table.y, table.is_movable) == (2.0, 2.0, True)
+    robot.x = 6.0
+    pool.follow()
+    later = pool.current_snapshot()
+    moved = later.robot("A")
+    assert moved and moved.x == 6.0 and later.version > first.version
+    assert not later.changes(first.version).came  # only what has moved
+    nearby = Nearby(pool, "A")
+    assert nearby.others(6.0, 2.0) == []
+    obstacles = nearby.movable_objects()
+    assert (obstacles.names, obstacles.without_movables) == (("T1",), ("L1",))
+    assert nearby.clearance_m(3.5, 1.0) == pytest.approx(0.5, abs=0.06)  # from the wall
+    without = tower()
+    del without.floors["L1"].geometrical.objects["T1"]
+    place.take(without, 2)
+    pool.follow()
+    assert pool.current_snapshot().object("T1") is None
+    with pytest.raises(UnknownFloor):
+        floor.changes("L3", 0)
+
+
+# ---- the body ----
+
+
+class Server(LocalSession):
+    """A session at a simulation server. is_away: it does not answer."""
+
+    is_away = False
+
+    def hold(self) -> StopHold:
+        if self.is_away:
+            raise ServerAway("no answer")
+        return super().hold()
+
+
+class Robot:
+    """A robot with its latch of stops."""
+
+    actor: RobotState | None = RobotState(x=7.0, y=2.0)
+
+    def __init__(self, session: LocalSession) -> None:
+        self.session, self.latch = session, StopLatch()
+
+    def stop(self, reason: str) -> None:
+        self.latch.stop(reason)
+
+    @property
+    def held(self) -> str:
+        return self.latch.reason
+
+
+class SharedStops(RuleBasedStateMachine):
+    """Stops at either side, resets at the robot, and a link that is cut. No stop ends but by a later reset."""
+
+    @initialize()
+    def begin(self) -> None:
+        self.closing = contextlib.ExitStack()
+        folder = Path(self.closing.enter_context(tempfile.TemporaryDirectory()))
+        self.server = Server(self.closing.enter_context(record_file(folder)), START, lambda: None)
+        self.robot: Any = Robot(self.server)
+        self.body = BodyInBuilding(self.server, self.robot)
+        #: Whether there is a stop after the last reset, and whether the robot knows of all of them.
+        self.is_held, self.is_known = False, True
+
+    def teardown(self) -> None:
+        if hasattr(self, "closing"):
+            self.closing.close()
+
+    @rule(is_cut=st.booleans())
+    def link(self, is_cut: bool) -> None:
+        self.server.is_away = is_cut
+
+    @rule()
+    def stop_robot(self) -> None:
+        self.robot.stop("button")
+        self.is_held = True
+
+    @rule(is_called=st.booleans())
+    def stop_at_server(self, is_called: bool) -> None:
+        """is_called: the server reaches the robot's stop target before the body follows."""
+        is_new, hold = self.server.report_stop("fire")
+        if not is_new:  # an operator's stop has a number of its own, also while another one holds
+            self.server._change(hold := hold._replace(number=hold.number + 1))
+        self.is_held = True
+        if is_called and not self.server.is_away:
+            self.body.stop("fire", hold.number)
+        else:
+            self.is_known = False
+
+    @rule()
+    def reset(self) -> None:
+        self.robot.latch.end(self.robot.latch.number)
+        self.is_held = not self.is_known
+
+    @rule()
+    def follow(self) -> None:
+        self.body.follow()
+        if self.server.is_away:
+            assert self.body.pause_s == RETRY_S
+            return
+        self.is_known = True
+        self.body.follow()  # a first one may have logged on
+        assert self.body.pause_s == FOLLOW_S
+        assert bool(self.robot.held) == self.server.hold().is_held == self.is_held
+
+
+TestSharedStops = SharedStops.TestCase
+TestSharedStops.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+
+
+def test_a_body_that_is_left_behind_logs_on_where_the_robot_is(records: RecordFile) -> None:
+    ons: list[Pose | None] = []
+    commands: list[Any] = []
+
+    class Building(LocalSession):
+        def log_on(self, at: Pose | None = None) -> None:
+            ons.append(at)
+
+        def command(self, velocity: Any, valid_s: float) -> None:
+            commands.append(velocity)
+
+    session = Building(records, START, lambda: None)  # it stays at the start
+    robot: Any = Robot(LocalSession(records, START, lambda: RobotState(x=7.3, y=2.0)))
+    robot.actor = RobotState(x=7.3, y=2.0, heading=0.5)
+    body = BodyInBuilding(session, robot)
+    body.follow()
+    assert len(commands) == 1 and commands[0][0] > 0.5
+    robot.actor = RobotState(x=8.5, y=2.0, heading=0.5)
+    body.follow()
+    assert len(commands) == 1 and body.pause_s == RETRY_S
+    body.follow()
+    assert ons == [Pose("L1", 7.3, 2.0, 0.5), Pose("L1", 8.5, 2.0, 0.5)]
+    robot.actor = None
+    body.follow()
+    body.leave()
