@@ -1,5 +1,5 @@
 """How much there is of everything: the numbers may only fall. Whoever makes something smaller lowers its number. Only a
-part of the paper that was missing may raise it: last the robot's senses and protective field, display, sub-networks."""
+part of the paper that was missing may raise it: last the robot's perception, panel, upload, and scans for monitors."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 49_970,
-    "classes": 950,
-    "upper-case names of modules": 1_016,
+    "lines of code": 52_130,
+    "classes": 984,
+    "upper-case names of modules": 1_079,
     "kernels": 66,
     "functions compiled within kernels": 76,
     "protocols": 27,
@@ -23,8 +23,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package, and words of documentation.
-LINES_AT_MOST = {"tests": 56_160, "testkit": 7_180, "bench": 9_945}
-WORDS_AT_MOST = {"docs": 30_780, "README.md": 1_220, "CHANGELOG.md": 2_150}
+LINES_AT_MOST = {"tests": 59_420, "testkit": 7_180, "bench": 10_065}
+WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_220, "CHANGELOG.md": 2_150}
 
 
 @functools.cache

@@ -53,7 +53,9 @@ class CarryProgress:
     def follow(self, since: float, trajectory_s: float, rate: float, sent: float) -> None:
         """Take over an order that the leader sent at `sent`."""
         with self._lock:
-            self._reach(sent if self._reached_at is None else max(sent, self._reached_at))
+            # Who moves by it asks each cycle: for a carrier whose clock is late `sent` may still be to come.
+            if self._reached_at is None or sent > self._reached_at + SLOWS_DOWN_AFTER_S:
+                self._reach(sent)
             if since > self._next.since:
                 stood_at = self._last_sent + STANDS_AFTER_S
                 if sent > stood_at:  # orders were lost, one of them perhaps to stop

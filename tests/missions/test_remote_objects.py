@@ -39,7 +39,7 @@ def orb_with(servant: object) -> Any:
 
 def test_an_operator_loads_a_program_and_limits_the_speed() -> None:
     agent, program = Mock(), ProgramBuilder("waiting").wait(1.0).program()
-    servant = RobotAgentServant(agent, Mock(), Mock(), "lab", Mock())
+    servant = RobotAgentServant(agent, Mock(), Mock(), "lab", Mock(), Mock())
     remote = RemoteAgent(orb_with(servant), "A")
     remote.load(dumps(program))
     agent.load.assert_called_once_with(program)

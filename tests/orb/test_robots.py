@@ -38,6 +38,7 @@ from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
+from robocorba.robot.uploads import CheckedPrograms
 from robocorba.simulation.corba.simulation_server_servant import RobotSessionServant
 from robocorba.simulation.emergency_stops import StopAnswer, StopRecord
 from robocorba.simulation.registry import Description, RobotClient
@@ -90,7 +91,7 @@ def agent() -> Any:
 
 @pytest.fixture
 def servant(agent: Any) -> RobotAgentServant:
-    return RobotAgentServant(agent, None, None, "a", agent)  # type: ignore[arg-type]
+    return RobotAgentServant(agent, None, None, "a", agent, CheckedPrograms(agent, lambda: ("b", 1)))
 
 
 def findings(check: Any) -> list[tuple[str, str, str, str]]:

@@ -4,7 +4,7 @@ the same. Paths, drives, rides and physics are real; the controller only applies
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -14,6 +14,7 @@ from shapely import Polygon
 from robocorba.errors.robots import MotionFailed, RobotError
 from robocorba.map_editor.geometry import shaft_polygon
 from robocorba.map_editor.model import Building
+from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.request import Path, PathRequest
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
@@ -37,7 +38,7 @@ MOTION_LIMIT_S = 300.0
 class Alone:
     """Nearby of a robot without others."""
 
-    name, policy = "A", DEFAULT_POLICY
+    name, policy, seen = "A", DEFAULT_POLICY, NO_OBSTACLES
 
     def __init__(self, building: Building) -> None:
         self._building = building
@@ -50,6 +51,18 @@ class Alone:
 
     def shaft(self, elevator: str) -> Polygon | None:
         return shaft_polygon(self._building.elevators[elevator])
+
+    def check_seen(self) -> None:
+        pass
+
+    def seen_on(self, line: Sequence[XY], radius_m: float) -> str:
+        return ""
+
+    def seen_around(self, x: float, y: float) -> Floats:
+        return np.zeros((0, 2))
+
+    def with_seen(self, obstacles: TemporaryObstacles, robot: XY) -> TemporaryObstacles:
+        return obstacles
 
     def movable_objects(self, held: str) -> TemporaryObstacles:
         return NO_OBSTACLES
