@@ -51,11 +51,8 @@ class CarryProgress:
             self._reached_s, self._reached_at = trajectory_s, None
 
     def follow(self, since: float, trajectory_s: float, rate: float, sent: float) -> None:
-        """Take over an order that the leader sent at `sent`."""
+        """Take over an order that the leader sent at `sent`, which may be a moment to come by this robot's clock."""
         with self._lock:
-            # Who moves by it asks each cycle: for a carrier whose clock is late `sent` may still be to come.
-            if self._reached_at is None or sent > self._reached_at + SLOWS_DOWN_AFTER_S:
-                self._reach(sent)
             if since > self._next.since:
                 stood_at = self._last_sent + STANDS_AFTER_S
                 if sent > stood_at:  # orders were lost, one of them perhaps to stop
@@ -140,6 +137,7 @@ class LeaderRhythm:
     def note_sent(self, rhythm: Rhythm, now: float) -> None:
         """An order of this rhythm was accepted by the channel at `now`; one that was not moves nobody."""
         self._sent = now
+        self._members.at(now)
         self._members.follow(*rhythm, sent=now)
 
     def _stands(self, now: float) -> bool:
