@@ -53,6 +53,8 @@ class CarryProgress:
     def follow(self, since: float, trajectory_s: float, rate: float, sent: float) -> None:
         """Take over an order that the leader sent at `sent`, which may be a moment to come by this robot's clock."""
         with self._lock:
+            if self._reached_at is None:
+                self._reach(sent)
             if since > self._next.since:
                 stood_at = self._last_sent + STANDS_AFTER_S
                 if sent > stood_at:  # orders were lost, one of them perhaps to stop
