@@ -114,7 +114,7 @@ def play(folder: Path, state: Path, logs: Path, console: Console, with_browser: 
             console.print(f"  [bold]console: {console_address(state)}[/bold]")
         orb = stack.enter_context(Orb(naming))
         chair = RemoteSession(orb, Description(CHAIR, Pose(FLOOR, *AT, 0.0), RADIUS_M, 5.0, Limits()))
-        chair.log_on()  # a body that tells nobody where it is
+        chair.log_on()  # a body that reports its place to nobody
         editor, is_drawn = RemoteMapEditor(orb), threading.Event()
         stack.callback(Repeating(CHAIR, lambda: _keep(chair, editor, is_drawn), 0.1).start().close)
         with starting("Robots", console):

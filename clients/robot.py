@@ -52,7 +52,7 @@ from robocorba.robot.programs import program
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.realtime import raise_process_priority
-from robocorba.robot.sightings import EXPIRY_S, SightingReport, Told, seen_obstacles
+from robocorba.robot.sightings import EXPIRY_S, SharedSightings, SightingReport, seen_obstacles
 from robocorba.robot.tick_file import TickFile
 from robocorba.robot.uploads import CheckedPrograms
 from robocorba.simulation.registry import Description, Pose
@@ -116,21 +116,23 @@ def perceiving(
     channel: str,
     agent: Callable[[], ControlAgent],
 ) -> tuple[Nearby, Perception]:
-    """What is near a robot that goes by its sensors, until the end of `stack`: a robot in the pool tells its pose if
-    its agent has a name; every other one has to be seen, like things that no map has. At the event channel it tells
+    """What is near a robot that goes by its sensors, until the end of `stack`: a robot in the pool reports its pose if
+    its agent has a name; every other one has to be seen, like things that no map has. At the event channel it reports
     others what it sees, and learns what they see."""
-    tell: set[str] = set()
+    reporting: set[str] = set()
 
     def listen() -> None:
         with contextlib.suppress(NotReachable):
             names = set(orb.names(ROBOTS))
-            tell.update(names)
-            tell.intersection_update(names)
+            reporting.update(names)
+            reporting.intersection_update(names)
 
     listen()
     stack.callback(Repeating("names of robots", listen, 1.0).start().close)
-    told = Told(name, lambda: perception.obstacles, lambda: (session.latest.at.x, session.latest.at.y))
-    nearby = Nearby(pool, name, DEFAULT_POLICY, lambda: told.obstacles, lambda: perception.check(), tell.__contains__)
+    shared = SharedSightings(name, lambda: perception.obstacles, lambda: (session.latest.at.x, session.latest.at.y))
+    nearby = Nearby(
+        pool, name, DEFAULT_POLICY, lambda: shared.obstacles, lambda: perception.check(), reporting.__contains__
+    )
     perception = Perception(
         *(lambda: agent().senses, lambda: session.latest.at.floor, nearby.explains),
         is_needed=lambda: not agent().is_resting,
@@ -139,7 +141,7 @@ def perceiving(
     if channel:
         events = RobotChannel(orb, channel, name)
         stack.callback(events.close)
-        events.keep_subscribed([(SIGHTING_EVENT, "*")], told.receive)
+        events.keep_subscribed([(SIGHTING_EVENT, "*")], shared.receive)
         report = SightingReport(
             lambda: seen_obstacles(perception.things, time.time()),
             lambda seen: events.publish(SIGHTING_EVENT, msgspec.to_builtins(seen), 0.0, EXPIRY_S),

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_130,
+    "lines of code": 52_135,
     "classes": 984,
     "upper-case names of modules": 1_079,
     "kernels": 66,

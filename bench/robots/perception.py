@@ -2,7 +2,7 @@
 
     python -m bench.robots.perception [--robots 6] [--things 20] [--minutes 30]
 
-Robots drive from place to place in a hall with things between the places: bodies in the simulation that tell nobody
+Robots drive from place to place in a hall with things between them: bodies in the simulation that report to nobody
 where they are. Two more robots avoid what the simulation knows, to compare what they take at the same time."""
 
 from __future__ import annotations

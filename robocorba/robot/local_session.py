@@ -26,8 +26,8 @@ def kept_pose(records: RecordFile) -> Pose | None:
 
 
 class LocalSession:
-    """A BuildingSession on one floor. start: the robot's pose until its adaptor tells it. robot: returns what the
-    adaptor has told, None until then."""
+    """A BuildingSession on one floor. start: the robot's pose until its adaptor reports it. robot: returns what the
+    adaptor has reported, None until then."""
 
     def __init__(self, records: RecordFile, start: Pose, robot: Callable[[], RobotState | None]) -> None:
         self._records, self._kept, self._robot = records, start, robot
@@ -53,7 +53,7 @@ class LocalSession:
     def state(self) -> SessionState:
         return self.latest
 
-    # ---- nothing to tell anybody ----
+    # ---- what only servers need ----
 
     def log_on(self, at: Pose | None = None) -> None: ...
 

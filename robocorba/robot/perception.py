@@ -45,7 +45,7 @@ MAX_AGE_S = 1.0
 MAX_CELLS, MAX_THINGS = 4000, 30
 
 #: Says which points (n, 2) of a floor are within some distances (n,) of what the robot knows [m]: walls, doors, objects
-#: and robots whose poses others tell. Raises NotReachable while it does not know.
+#: and robots that report their poses. Raises NotReachable while it does not know.
 Explains = Callable[[str, Floats, Floats], npt.NDArray[np.bool_]]
 #: x, y: mean of the hits [m]. seen: time of the last one [s]. thing: its number, 0 for none.
 _CELL = np.dtype([("key", "i8"), ("x", "f8"), ("y", "f8"), ("odds", "f8"), ("seen", "f8"), ("thing", "i8")])

@@ -1,4 +1,4 @@
-"""What robots tell each other of what they see and their maps lack."""
+"""What robots report to each other of what they see and their maps lack."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ REPEAT_S = 2.0
 MOVED_M, SURER = 0.05, 0.2
 #: Expiry of the events [s].
 EXPIRY_S = 10.0
-#: What others tell is an obstacle from this certainty on, for this time after their last event [s], at this distance at
-#: least [m]: what is nearer a robot sees itself. Number of such obstacles, the nearest ones.
-TOLD_CERTAINTY, TOLD_S, TOLD_FROM_M, MAX_TOLD = 0.6, 5.0, 1.0, 10
+#: What others report is an obstacle from this certainty on, for this time after their last event [s], at this distance
+#: at least [m]: what is nearer a robot sees itself. Number of such obstacles, the nearest ones.
+SHARED_CERTAINTY, SHARED_S, SHARED_FROM_M, MAX_SHARED = 0.6, 5.0, 1.0, 10
 
 _log = logging.getLogger(__name__)
 
@@ -96,8 +96,8 @@ def seen_obstacles(things: Sequence[SeenThing], now: float) -> list[SeenObstacle
     ]
 
 
-class Told:
-    """What the robot `name` sees, `own`, and what others tell. Thread-safe. own: the same object until it changes.
+class SharedSightings:
+    """What the robot `name` sees, `own`, and what others report. Thread-safe. own: the same object until it changes.
     where: returns the robot's place [m]. clock: returns the time [s]."""
 
     def __init__(
@@ -109,8 +109,8 @@ class Told:
     ) -> None:
         self._name, self._own, self._where, self._clock = name, own, where, clock
         self._lock = threading.Lock()
-        #: By robot: when it told it [s], and what.
-        self._told: dict[str, tuple[float, Sequence[SeenObstacle]]] = {}
+        #: By robot: when it reported, and what [s].
+        self._shared: dict[str, tuple[float, Sequence[SeenObstacle]]] = {}
         #: The last answer, and what it was made from.
         self._made_from: tuple[TemporaryObstacles, Sequence[float]] = NO_OBSTACLES, ()
         self._made = NO_OBSTACLES
@@ -119,31 +119,31 @@ class Told:
         """An event of what a robot sees."""
         with self._lock:
             if source != self._name:
-                self._told[source] = self._clock(), seen_of(payload)
+                self._shared[source] = self._clock(), seen_of(payload)
 
     @property
     def obstacles(self) -> TemporaryObstacles:
         """Obstacles for paths: the same object until it changes."""
         with self._lock:
             now, own = self._clock(), self._own()
-            self._told = {robot: told for robot, told in self._told.items() if now - told[0] <= TOLD_S}
-            made_from = own, [when for when, _ in self._told.values()]
+            self._shared = {robot: one for robot, one in self._shared.items() if now - one[0] <= SHARED_S}
+            made_from = own, [when for when, _ in self._shared.values()]
             if self._made_from[0] is not own or self._made_from[1] != made_from[1]:
                 self._made_from, self._made = made_from, self._beside(own)
             return self._made
 
     def _beside(self, own: TemporaryObstacles) -> TemporaryObstacles:
-        """What the robot sees, and what is told that it does not see itself."""
+        """What the robot sees, and what others report that it does not see itself."""
         here, shapes = self._where(), [(floor, shape_of(outline)) for floor, outline in own.forbidden_areas]
-        told = [(robot, each) for robot, (_, seen) in self._told.items() for each in seen]
+        reported = [(robot, each) for robot, (_, seen) in self._shared.items() for each in seen]
         found = []
-        for robot, each in sorted(told, key=lambda one: math.dist((one[1].x, one[1].y), here)):
+        for robot, each in sorted(reported, key=lambda one: math.dist((one[1].x, one[1].y), here)):
             shape = shape_of(each.outline)
             is_known = any(floor == each.floor and is_same(other, shape) for floor, other in shapes)
-            if each.certainty >= TOLD_CERTAINTY and not is_known and shape.distance(Point(here)) >= TOLD_FROM_M:
+            if each.certainty >= SHARED_CERTAINTY and not is_known and shape.distance(Point(here)) >= SHARED_FROM_M:
                 found.append((f"{robot}'s thing {each.number}", (each.floor, corners(shape))))
                 shapes.append((each.floor, shape))
-        names, areas = tuple(name for name, _ in found[:MAX_TOLD]), tuple(area for _, area in found[:MAX_TOLD])
+        names, areas = tuple(name for name, _ in found[:MAX_SHARED]), tuple(area for _, area in found[:MAX_SHARED])
         if not names:
             return own
         return own._replace(forbidden_areas=own.forbidden_areas + areas, names=own.names + names)

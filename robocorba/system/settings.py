@@ -437,6 +437,8 @@ class RobotSettings:
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
         given = parser.parse_args(given_arguments)
+        if given.agent_only and given.perceive == "sensors":
+            raise InvalidSetting("--perceive", "sensors", "with --agent-only the robot stops before what it sees")
         return cls(
             Settings.read(given.naming, given.state, role=Role.ROBOT),
             given.name,

@@ -11,7 +11,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.sightings import MAX_SEEN, ObstaclesSeen, SeenObstacle, seen_of
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.robot.perception import SeenThing
-from robocorba.robot.sightings import MAX_TOLD, TOLD_S, SightingReport, Told, seen_obstacles
+from robocorba.robot.sightings import MAX_SHARED, SHARED_S, SharedSightings, SightingReport, seen_obstacles
 from tests.clock import Clock
 
 
@@ -73,23 +73,23 @@ def test_a_thing_is_published_with_its_age() -> None:
 def test_a_robot_avoids_what_others_tell_unless_it_sees_better() -> None:
     clock = Clock()
     own = [TemporaryObstacles((("L1", ((1.0, 0.0), (1.4, 0.0), (1.4, 0.4))),), names=("seen thing 1",))]
-    told = Told("A", lambda: own[0], lambda: (0.0, 0.0), clock)
-    assert told.obstacles is own[0]
+    shared = SharedSightings("A", lambda: own[0], lambda: (0.0, 0.0), clock)
+    assert shared.obstacles is own[0]
 
-    def tell(robot: str, *seen: SeenObstacle) -> None:
-        told.receive("obstacle.seen", robot, msgspec.to_builtins(ObstaclesSeen(seen)), "lab")
+    def report(robot: str, *seen: SeenObstacle) -> None:
+        shared.receive("obstacle.seen", robot, msgspec.to_builtins(ObstaclesSeen(seen)), "lab")
 
-    tell("A", seen(1, 9.0, 0.9))
-    tell("B", seen(1, 1.3, 0.9), seen(2, 4.0, 0.9), seen(3, 6.0, 0.5), seen(4, 0.8, 0.9))
-    assert told.obstacles.names == ("seen thing 1", "B's thing 2")
-    assert told.obstacles is told.obstacles
-    tell("C", seen(5, 4.1, 0.9), seen(6, 7.0, 0.9))
-    assert set(told.obstacles.names) == {"seen thing 1", "B's thing 2", "C's thing 6"}
-    assert dict(zip(told.obstacles.names, told.obstacles.forbidden_areas, strict=True))["C's thing 6"][0] == "L1"
+    report("A", seen(1, 9.0, 0.9))
+    report("B", seen(1, 1.3, 0.9), seen(2, 4.0, 0.9), seen(3, 6.0, 0.5), seen(4, 0.8, 0.9))
+    assert shared.obstacles.names == ("seen thing 1", "B's thing 2")
+    assert shared.obstacles is shared.obstacles
+    report("C", seen(5, 4.1, 0.9), seen(6, 7.0, 0.9))
+    assert set(shared.obstacles.names) == {"seen thing 1", "B's thing 2", "C's thing 6"}
+    assert dict(zip(shared.obstacles.names, shared.obstacles.forbidden_areas, strict=True))["C's thing 6"][0] == "L1"
     own[0] = NO_OBSTACLES
-    assert set(told.obstacles.names) == {"B's thing 1", "B's thing 2", "C's thing 6"}
-    clock.now += TOLD_S + 0.1
-    tell("C", *(seen(number, 3.0 + number, 0.9) for number in range(20)))
-    assert told.obstacles.names == tuple(f"C's thing {number}" for number in range(MAX_TOLD))
-    clock.now += TOLD_S + 0.1
-    assert told.obstacles == NO_OBSTACLES
+    assert set(shared.obstacles.names) == {"B's thing 1", "B's thing 2", "C's thing 6"}
+    clock.now += SHARED_S + 0.1
+    report("C", *(seen(number, 3.0 + number, 0.9) for number in range(20)))
+    assert shared.obstacles.names == tuple(f"C's thing {number}" for number in range(MAX_SHARED))
+    clock.now += SHARED_S + 0.1
+    assert shared.obstacles == NO_OBSTACLES

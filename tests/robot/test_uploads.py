@@ -22,6 +22,7 @@ from robocorba.robot.programs.local_checks import check_without_servers
 from robocorba.robot.programs.program import Program, dumps, loads
 from robocorba.robot.uploads import INTERRUPTED, MAX_PAGE, MAX_REPORTS, CheckedPrograms, Uploads
 from robocorba.system.record_file import RecordFile
+from robocorba.system.settings import InvalidSetting, RobotSettings
 
 PROGRAMS = [ProgramBuilder(name).wait(1).wait(2).wait(3).program() for name in ("one", "two")]
 IDENTITY = 0x526F4372
@@ -275,3 +276,9 @@ def test_what_a_robot_can_do_by_itself_is_not_refused() -> None:
     inside = {"icon": "stop_if_closer", "sensor": "laser", "distance": 0.3, "icons": icons}
     program = loads(msgspec.json.encode({"name": "x", "icons": [*icons, inside]}))
     assert check_without_servers(program, "L1", has_channel=False).findings == ()
+
+
+def test_an_agent_alone_refuses_the_perception_that_it_lacks() -> None:
+    with pytest.raises(InvalidSetting, match="--perceive"):
+        RobotSettings.read(["A", "--agent-only", "--perceive", "sensors"])
+    assert RobotSettings.read(["A", "--agent-only"]).is_agent_only

@@ -1,4 +1,5 @@
 // The header of all pages. The emergency stop acts at once, without a question.
+import darkMode from "/static/dark_mode.js";
 import { call, live } from "/static/live.js";
 import PageKeys from "/static/page_keys.js";
 
@@ -8,6 +9,7 @@ const STOP_MS = 8000;
 const FOCUS_KEY = "robocorba-focus";
 
 export default {
+  mixins: [darkMode],
   components: { PageKeys },
   props: { pages: Array, current: String },
   template: `
@@ -28,12 +30,9 @@ export default {
              :label="stopping ? 'Stopping' : 'Stop all'" aria-label="Emergency stop of all robots" />
     </header>`,
   data() {
-    return { problem: "connecting", summary: "", stopOfAll: "", stopping: 0, isDark: false };
+    return { problem: "connecting", summary: "", stopOfAll: "", stopping: 0 };
   },
   mounted() {
-    const wanted = localStorage.getItem("robocorba-dark");
-    const isDark = wanted ? wanted === "yes" : window.matchMedia("(prefers-color-scheme: dark)").matches;
-    this.setDark(isDark);
     this.unlisten = live.listen((kind) => ["state", "connection"].includes(kind) && this.update());
     this.timer = setInterval(() => this.update(), 1000);
     this.handshakeTimer = setInterval(() => this.leaveNiceGui(), 250);
@@ -97,15 +96,6 @@ export default {
     },
     takeFocus() {
       if (keepFocus(null)) this.$refs.nav.querySelector("[aria-current]")?.focus();
-    },
-    toggleDark() {
-      this.setDark(!this.isDark);
-      localStorage.setItem("robocorba-dark", this.isDark ? "yes" : "no");
-    },
-    setDark(isDark) {
-      this.isDark = isDark;
-      this.$q.dark.set(isDark);
-      window.dispatchEvent(new Event("robocorba-colors"));
     },
   },
 };

@@ -1,6 +1,7 @@
 // The touch panel of one robot, for a tablet on it: what it does, large; its work model and program; orders; and answers
 // to what its program asks. It needs no more than the robot's PIN, so it does without the live connection.
 import { callPanel } from "/static/calls.js";
+import darkMode from "/static/dark_mode.js";
 import { plainWords } from "/static/icon_looks.js";
 import { PanelChoice } from "/static/panel_choice.js";
 import { DISPLAYS } from "/static/robot_display.js";
@@ -11,6 +12,7 @@ const OLD_S = 3, MESSAGE_MS = 8000;
 const LOADED = "";
 
 export default {
+  mixins: [darkMode],
   components: { PanelChoice },
   props: { robot: String },
   template: `
@@ -51,7 +53,7 @@ export default {
   data() {
     return {
       state: {}, choices: { adaptors: [], programs: [], loaded: "" }, program: null, isChoosing: false, isBusy: false,
-      isStopping: false, message: "", sure: "", isDark: false, problem: "connecting",
+      isStopping: false, message: "", sure: "", problem: "connecting",
     };
   },
   computed: {
@@ -107,8 +109,6 @@ export default {
     },
   },
   async mounted() {
-    const wanted = localStorage.getItem("robocorba-dark");
-    this.setDark(wanted ? wanted === "yes" : window.matchMedia("(prefers-color-scheme: dark)").matches);
     await this.look();
   },
   unmounted() {
@@ -195,14 +195,6 @@ export default {
     async chosen(program) {
       this.program = program;
       this.isChoosing = false;
-    },
-    toggleDark() {
-      this.setDark(!this.isDark);
-      localStorage.setItem("robocorba-dark", this.isDark ? "yes" : "no");
-    },
-    setDark(isDark) {
-      this.isDark = isDark;
-      this.$q.dark.set(isDark);
     },
   },
   watch: {

@@ -57,7 +57,7 @@ class OtherRobot(NamedTuple):
 class Nearby:
     """The robot `name` among others: its surroundings, and its policy of giving way. Thread-safe. pool: one that a
     PoolFollower keeps up to date. seen: returns what the robot itself sees, the same object until it changes, and
-    check_seen raises NotReachable while that is old. tells: whether a robot tells its pose; one that does not is no
+    check_seen raises NotReachable while that is old. reports: whether a robot reports its pose; one that does not is no
     robot here, only what is seen of it."""
 
     def __init__(
@@ -67,9 +67,9 @@ class Nearby:
         policy: GivingWayPolicy = DEFAULT_POLICY,
         seen: Callable[[], TemporaryObstacles] = lambda: NO_OBSTACLES,
         check_seen: Callable[[], None] = lambda: None,
-        tells: Callable[[str], bool] = lambda name: True,
+        reports: Callable[[str], bool] = lambda name: True,
     ) -> None:
-        self._pool, self.name, self.policy, self._seen, self._tells = pool, name, policy, seen, tells
+        self._pool, self.name, self.policy, self._seen, self._reports = pool, name, policy, seen, reports
         self.check_seen = check_seen
         self._outlined = _Outlines(NO_OBSTACLES, "")
 
@@ -89,7 +89,7 @@ class Nearby:
                 other.radius_m + deviation_m,
             )
             for _, other in snapshot.robots_near(x, y, 6.0)
-            if self._tells(other.name)
+            if self._reports(other.name)
         ]
 
     def robot_at(self, x: float, y: float) -> OtherRobot | None:
@@ -115,7 +115,7 @@ class Nearby:
 
     def explains(self, floor: str, points: Floats, within_m: Floats) -> npt.NDArray[np.bool_]:
         """Which points (n, 2) of a floor are within some distances (n,) of what is known there [m]: walls, doors,
-        objects, robots that tell their poses. Raises NotReachable."""
+        objects, robots that report their poses. Raises NotReachable."""
         snapshot = self._pool.current_snapshot()
         own = snapshot.robot(self.name)
         if snapshot.floor != floor or own is None:
@@ -196,7 +196,7 @@ class Nearby:
         others = [
             other
             for other in snapshot.robots
-            if other.name != self.name and not _drives(other) and self._tells(other.name)
+            if other.name != self.name and not _drives(other) and self._reports(other.name)
         ]
         areas = tuple((snapshot.floor, _disc(other, other.radius_m)) for other in others)
         return TemporaryObstacles(areas, names=tuple(other.name for other in others))
@@ -210,7 +210,7 @@ class Nearby:
         own = snapshot.robot(self.name)
         if own is None:
             return TemporaryObstacles()
-        near = [other for _, other in snapshot.robots_near(own.x, own.y, 15.0) if self._tells(other.name)]
+        near = [other for _, other in snapshot.robots_near(own.x, own.y, 15.0) if self._reports(other.name)]
         kept_free = [(own.x, own.y), *([goal] if goal else ())]
         blocking = [other for other in near if other.name == also or not _drives(other)][: self.policy.max_robots]
         objects = self.movable_objects(held)

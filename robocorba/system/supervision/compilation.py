@@ -16,7 +16,7 @@ from robocorba.system.supervision.warm_parent import ENVIRONMENT
 WORKER = "robocorba.system.supervision.compile_worker"
 #: Timeout for all kernels [s]. One slow core takes 120 s.
 LIMIT_S = 900.0
-#: Share of the work after which its pace tells how long the rest takes: the first kernels alone say little.
+#: Share of the work after which its pace shows how long the rest takes: the first kernels alone say little.
 MIN_SHARE = 0.1
 #: Interval between reports [s].
 _INTERVAL_S = 0.1

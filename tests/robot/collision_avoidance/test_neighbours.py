@@ -112,10 +112,10 @@ def test_what_a_robot_carries_is_the_object_and_those_who_hold_it_too() -> None:
     assert nearby.carried("") is nearby.carried("nothing") is None
 
 
-def test_a_robot_that_tells_nothing_is_only_what_is_seen_of_it() -> None:
+def test_a_robot_that_reports_nothing_is_only_what_is_seen_of_it() -> None:
     outline = ((6.7, 1.6), (7.3, 1.6), (7.3, 2.0))
     thing = TemporaryObstacles((("L1", outline), ("L2", outline)), names=("seen thing 1", "seen thing 2"))
-    near = seen_by_a(1.9, seen=lambda: thing, tells={"C"}.__contains__)
+    near = seen_by_a(1.9, seen=lambda: thing, reports={"C"}.__contains__)
     assert [other.name for other in near.others(7.0, 5.0)] == ["C"]
     assert near.robot_at(7.0, 1.6) is None
     assert near.parked_robots().names == ()
@@ -133,7 +133,7 @@ def test_a_robot_that_tells_nothing_is_only_what_is_seen_of_it() -> None:
 
 
 def test_what_is_known_explains_echoes() -> None:
-    near, silent = seen_by_a(3.0), seen_by_a(3.0, tells=lambda name: False)
+    near, silent = seen_by_a(3.0), seen_by_a(3.0, reports=lambda name: False)
     #: Beside the table, at its border, at a robot.
     echoes = np.array([(2.0, 3.0), (2.0, 1.75), (7.0, 2.6)])
     assert near.explains("L1", echoes, np.full(3, 0.1)).tolist() == [False, True, True]
