@@ -36,7 +36,7 @@ from robocorba.clients.robot_processes import servers
 from robocorba.commands.watch import Camera
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.places import place
-from robocorba.errors.robots import MissionFailed
+from robocorba.errors.robots import MissionFailed, RobotLost
 from robocorba.events.corba.event_client import Event, EventClient
 from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
 from robocorba.map_editor.proposals import Proposal
@@ -115,6 +115,7 @@ def play(folder: Path, state: Path, logs: Path, console: Console, with_browser: 
         orb = stack.enter_context(Orb(naming))
         chair = RemoteSession(orb, Description(CHAIR, Pose(FLOOR, *AT, 0.0), RADIUS_M, 5.0, Limits()))
         chair.log_on()  # a body that reports its place to nobody
+        chair.state()
         editor, is_drawn = RemoteMapEditor(orb), threading.Event()
         stack.callback(Repeating(CHAIR, lambda: _keep(chair, editor, is_drawn), 0.1).start().close)
         with starting("Robots", console):
@@ -138,11 +139,15 @@ def play(folder: Path, state: Path, logs: Path, console: Console, with_browser: 
 
 
 def _keep(chair: RemoteSession, editor: RemoteMapEditor, is_drawn: threading.Event) -> None:
-    """Keep the chair's body until the map has the chair: the simulation then has a body for that."""
+    """Keep the chair's body until the map has the chair: the simulation then has a body for that. On a machine that is
+    so busy that the lease expires it logs on again, as a robot does."""
     with contextlib.suppress(RoboCorbaError):  # a server may be gone at the end
         if is_drawn.is_set():
             return
-        chair.state()
+        try:
+            chair.state()
+        except RobotLost:
+            chair.log_on()
         if editor.version() > FIRST_VERSION:
             is_drawn.set()
             chair.log_off()
@@ -200,8 +205,8 @@ def _wait_for_proposal(orb: Orb) -> Proposal:
 
 
 def _off_m(at: XY, chair: RemoteSession) -> float:
-    """Distance from the chair, by the simulation server [m]."""
-    pose = chair.state().at
+    """Distance from the chair, by the simulation server's latest answer [m]."""
+    pose = chair.latest.at
     return math.dist(at, (pose.x, pose.y))
 
 

@@ -346,18 +346,22 @@ class Operator:
     # ---- run ----
 
     def run_program(self) -> None:
-        """Icons are lit while they run. Simulated time is paused in another tab while the robot is on its way."""
+        """Icons are lit while they run. Simulated time is paused in another tab while the robot is on its way, slowly:
+        it must not be at the elevator before."""
         assert self.page.context.browser
         monitor = self.page.context.browser.new_page()
         monitor.set_default_timeout(1000 * LIMIT_S)
         monitor.goto(self.address)
         pause = monitor.get_by_role("button", name="Pause time")
         expect(pause).to_be_enabled()
+        pace = monitor.get_by_label("Pace of simulated time")
+        pace.select_option("time 0.25x")
         self.button("Run").click()
         expect(self.page.locator(".icon-card.is-running")).to_have_count(1)
         expect(self.card("mbase_path")).to_have_class(re.compile("is-running"))
         pause.click()
         expect(monitor.get_by_role("button", name="Resume time")).to_be_visible()
+        pace.select_option("time 1x")
         monitor.close()
         for icon in ("mhand_posture", "say", "mbase_velocity"):
             expect(self.card(icon)).to_have_class(re.compile("is-done"))

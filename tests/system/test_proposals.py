@@ -165,8 +165,8 @@ def test_a_rule_accepts_what_two_robots_see_for_a_while(
 def test_the_demo_of_perception_finds_the_chair(launch: Launcher) -> None:
     """In time, where the machine is not busy: its exit code says that, too."""
     demo = launch(sys.executable, "-m", "robocorba.clients.perception_demo", "found")
-    printed, _ = demo.communicate(timeout=600)
-    assert "path from A's lookout to C's: 2.8" in printed and "accepted: seen 1" in printed, printed
+    printed, errors = demo.communicate(timeout=600)
+    assert "path from A's lookout to C's: 2.8" in printed and "accepted: seen 1" in printed, printed + errors
     found = read_json((launch.folder / "found" / "perception.json").read_text())
     assert set(found["seen_s"]) == {"A", "B", "C"}
     assert found["off_m"] <= 0.05 and found["certainty"] > 0.9
