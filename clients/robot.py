@@ -134,7 +134,9 @@ def perceiving(
         pool, name, DEFAULT_POLICY, lambda: shared.obstacles, lambda: perception.check(), reporting.__contains__
     )
     perception = Perception(
-        *(lambda: agent().senses, lambda: session.latest.at.floor, nearby.explains),
+        senses=lambda: agent().senses,
+        floor=lambda: session.latest.at.floor,
+        explains=nearby.explains,
         is_needed=lambda: not agent().is_resting,
         carried=lambda: nearby.carried(session.latest.holding),
     )

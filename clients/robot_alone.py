@@ -126,10 +126,14 @@ def run_alone(settings: RobotSettings) -> None:
             _log.info("--at is for the first start only; the robot was at %.2f, %.2f on %s", last.x, last.y, last.floor)
         place.planner.warm_up()
         checker = Checker(place)
-        session = LocalSession(records, start, lambda: agent.actor)
+
+        def robot_state() -> RobotState:
+            return agent.actor or RobotState(x=start.x, y=start.y, heading=start.heading)
+
+        session = LocalSession(records, start, robot_state)
         uploads = Uploads(records)
         others = ChannelOnly(stack.enter_context(contextlib.closing(RobotChannel(orb, settings.channel or "", name))))
-        floor = LocalFloor(place, name, lambda: agent.actor or RobotState(x=start.x, y=start.y, heading=start.heading))
+        floor = LocalFloor(place, name, robot_state)
         pool = DataPool(floor.changes, place.of, place.floor, name)
         nearby = Nearby(pool, name)
         ticks = TickFile(settings.tick_file) if settings.tick_file else None

@@ -55,7 +55,7 @@ def keep(sessions: EditSessions, proposals: Proposals) -> None:
             sessions.editor.create(due.floor, due.element, AuthorHistory(f"rule: {len(due.seen_by)} robots"))
         except MapError as error:
             _log.warning("proposal %s was not accepted: %s", due.name, error)
-    proposals.save(sessions.editor.save_proposals)
+    proposals.save()
     sessions.end_idle()
     if sessions.editor.end_idle() > LARGE:
         gc.collect()  # also empties Python's lists of free objects, which keep a fourth of the memory
@@ -73,7 +73,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         planner.warm_up()
         robots, seconds = settings.accept
         policy = DEFAULT_POLICY._replace(accept_robots=robots, accept_s=seconds)
-        proposals = Proposals(*editor.snapshot, planner.update, editor.proposals(), policy)
+        proposals = Proposals(editor.snapshot, planner.update, editor.proposals(), editor.save_proposals, policy)
         editor.subscribe(proposals.follow)
 
         def receive(seen: Sequence[Event]) -> None:
@@ -87,8 +87,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             stack.enter_context(closing(keeping))
             orb.serve({"MapEditor": servant, "PathPlanner": PathPlannerServant(planner)})
             if settings.channel:
-                names = (SIGHTING_EVENT, lambda: orb.names(ROBOTS), SIGHTINGS_WITHIN_S)
-                listener = PairListener(orb, settings.channel, *names, receive)
+                listener = PairListener(
+                    orb, settings.channel, SIGHTING_EVENT, lambda: orb.names(ROBOTS), SIGHTINGS_WITHIN_S, receive
+                )
                 stack.enter_context(closing(listener.start()))
             orb.run()
 

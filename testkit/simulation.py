@@ -20,9 +20,10 @@ from omniORB import CORBA
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.geometry import landing_line
 from robocorba.map_editor.model import Elevator
+from robocorba.map_editor.spatial.floor_update import FloorUpdate, FloorView
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.orb.orb import Orb
-from robocorba.simulation.corba.remote_database import RemoteFloor
+from robocorba.simulation.corba.remote_database import changes
 from robocorba.stubs import RoboCorba
 from testkit.heartbeats import heartbeats
 from testkit.json_process import checkout_command
@@ -70,6 +71,22 @@ def simulation(folder: Path, sensors: int = 2) -> Iterator[Place]:
         contextlib.closing(Place(running, orb, launch)) as place,
     ):
         yield place
+
+
+class RemoteFloor:
+    """Local copy of a floor of `database`, a RoboCorba::OmniDatabase. Not thread-safe."""
+
+    def __init__(self, database: Any, floor: str) -> None:
+        self._database = database
+        self.view = FloorView(floor)
+
+    def follow(self) -> FloorUpdate:
+        """Update `view`: the first time by the whole floor, later by changes. Returns the update.
+
+        Raises UnknownFloor, NotReachable."""
+        update = changes(self._database, self.view.floor, self.view.version)
+        self.view.apply(update)
+        return update
 
 
 class Place:

@@ -13,9 +13,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_135,
-    "classes": 984,
-    "upper-case names of modules": 1_079,
+    "lines of code": 52_133,
+    "classes": 983,
+    "upper-case names of modules": 1_078,
     "kernels": 66,
     "functions compiled within kernels": 76,
     "protocols": 27,
@@ -23,7 +23,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package, and words of documentation.
-LINES_AT_MOST = {"tests": 59_420, "testkit": 7_180, "bench": 10_065}
+LINES_AT_MOST = {"tests": 59_420, "testkit": 7_194, "bench": 10_065}
 WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_220, "CHANGELOG.md": 2_150}
 
 

@@ -14,10 +14,11 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.events.corba.event_client import Event, EventClient
 from robocorba.missions.messages import MemberState, message_of
-from robocorba.simulation.corba.remote_database import RemoteDatabase, RemoteFloor
+from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.stubs import RoboCorba
 from robocorba.system.repeating import Repeating
 from testkit.missions import MissionSystem
+from testkit.simulation import RemoteFloor
 
 #: Interval between looks at the floors [s].
 LOOK_S = 0.04

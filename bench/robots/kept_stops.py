@@ -29,12 +29,11 @@ from robocorba.robot.agent_state import AgentCondition
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
-from robocorba.simulation.corba.remote_database import RemoteFloor
 from robocorba.system.repeating import Repeating
 from testkit.faults import COMMAND_LIMIT_S, PATIENCE_S, WAYS, hang_for, kill, stop_robot
 from testkit.processes import ROBOCORBA, drain, eventually, forked_processes
 from testkit.report import at_most, distribution, quantile, summarize
-from testkit.simulation import Place, simulation
+from testkit.simulation import Place, RemoteFloor, simulation
 
 NAME, FLOOR, AT = "S1", "L1", "3,5,0"
 #: A circle of 0.5 m [m/s, m/s, rad/s].

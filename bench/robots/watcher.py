@@ -20,11 +20,11 @@ from omniORB import CORBA
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
-from robocorba.simulation.corba.remote_database import RemoteFloor
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Address
 from testkit.json_process import answer_lines
+from testkit.simulation import RemoteFloor
 
 #: Interval between observations [s].
 LOOK_S = 0.002

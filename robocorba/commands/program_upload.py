@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 from pathlib import Path as File
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import msgspec
 import typer
@@ -13,9 +13,6 @@ from robocorba.commands.options import Json, Naming, connected
 from robocorba.commands.program import read
 from robocorba.commands.program_run import app
 from robocorba.system.printing import echo, line
-
-if TYPE_CHECKING:
-    from robocorba.robot.agent_state import ProgramReport
 
 __all__ = ["app"]
 
@@ -59,13 +56,9 @@ def reports(
     from robocorba.robot.corba.remote_agent import RemoteAgent
 
     with connected("program reports", naming) as orb:
-        agent, found = RemoteAgent(orb, robot), []
-        page, following = agent.reports(since)
-        while page:
-            found += page
-            page, following = agent.reports(following)
+        found, following = RemoteAgent(orb, robot).reports(since)
     if as_json:
-        plain = [{**each._asdict(), "program": _plain(each.program)} for each in found]
+        plain = [each.plain() for each in found]
         echo(msgspec.json.encode({"reports": plain, "next": following}).decode())
         return
     for each in found:
@@ -73,7 +66,3 @@ def reports(
         report = each.program
         what = f"{report.result.name.lower()}, {report.icons_done} icons, {report.seconds:.1f} s"
         line(str(each.number), ended, report.name, what, *filter(None, (report.icon, report.kind, report.reason)))
-
-
-def _plain(report: ProgramReport) -> dict[str, Any]:
-    return {**report._asdict(), "result": report.result.name.lower()}

@@ -89,7 +89,8 @@ def up(
     accept: Annotated[
         str,
         typer.Option(
-            metavar="ROBOTS,SECONDS", help="Draw what so many robots have seen for so long and no map has [by hand]."
+            metavar="ROBOTS,SECONDS",
+            help="Draw what this number of robots has seen for this time and no map has [by hand].",
         ),
     ] = "",
     console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,

@@ -32,13 +32,6 @@ _HEADERS = {
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "same-origin",
 }
-_FORM = """<!doctype html><html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">
-<title>RoboCorba console</title><style>body{{font:16px system-ui,sans-serif;display:grid;place-items:center;height:90vh;
-color-scheme:light dark}}form{{display:grid;gap:12px;width:280px}}input,button{{font:inherit;padding:8px}}
-p{{color:#b00068;margin:0}}</style><form method="post" action="/login"><h1>RoboCorba</h1><label for="password">Password
-</label><input id="password" name="password" type="password" autofocus required>
-<input type="hidden" name="robot" value="{robot}"><p role="alert">{problem}</p>
-<button>Log in</button></form></html>"""
 _PANEL = "/panel/"
 
 
@@ -134,9 +127,8 @@ class Access:
 
     def _form(self, robot: str, problem: str = "") -> str:
         """The page that asks for the PIN of a robot, or for the password."""
-        if robot not in self._pins:
-            return _FORM.format(problem=problem, robot=escape(robot))
-        form = (Path(__file__).parent / "static" / "pin.html").read_text()
+        page = "pin.html" if robot in self._pins else "login.html"
+        form = (Path(__file__).parent / "static" / page).read_text()
         return form.replace("{problem}", problem).replace("{robot}", escape(robot))
 
     def _session(self, robot: str) -> str:

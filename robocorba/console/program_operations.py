@@ -16,7 +16,6 @@ from robocorba.console.operations import RESOLVE_TIMEOUT_S
 from robocorba.errors.robots import InvalidProgram, Unreachable
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.orb.orb import Orb
-from robocorba.robot.agent_state import ProgramReport
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import JOINTS, Side
@@ -132,10 +131,9 @@ class ProgramOperations:
         agent = self._agent(robot)
         state = agent.state()  # before the icons, so that all icons of an ended program are among them
         begun = agent.begun(first)
-        report = state.program
         return {
             "begun": [{"number": icon.number, "icon": icon.icon, "kind": icon.kind} for icon in begun],
-            "report": _plain(report),
+            "report": state.program.plain(),
             "condition": state.condition.name.lower(),
             "reason": state.reason,
             "adaptor": state.adaptor,
@@ -161,17 +159,13 @@ class ProgramOperations:
         """The agent on a robot's own computer: `name`, `adaptor`, `sensors` (names), `display` (text), and all
         `reports` that it has kept, each with `number`, `upload`, `ended` (POSIX time [s]) and `program`."""
         agent = self._agent(_address(host, port))
-        found, following = agent.reports("")
-        reports = list(found)
-        while found:
-            found, following = agent.reports(following)
-            reports += found
+        reports, _ = agent.reports("")
         return {
             "name": agent.name,
             "adaptor": agent.state().adaptor,
             "sensors": agent.sensors(),
             "display": agent.display().text,
-            "reports": [{**each._asdict(), "program": _plain(each.program)} for each in reports],
+            "reports": [each.plain() for each in reports],
         }
 
     def upload_program(self, host: str, port: int, program: str, robot: str = "", run: bool = False) -> Answer:
@@ -241,10 +235,6 @@ def _checked(report: CheckReport, read: Program | None) -> Answer:
         "is_executable": report.is_valid,
         "python": python_source(read) if read else "",
     }
-
-
-def _plain(report: ProgramReport) -> Answer:
-    return {**report._asdict(), "result": report.result.name.lower()}
 
 
 def _address(host: object, port: object) -> str:

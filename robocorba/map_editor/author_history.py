@@ -42,11 +42,15 @@ class AuthorHistory:
 
 def check_author(author: str) -> None:
     """Raise InvalidElement unless `author` is a name of 1 to 60 printable characters."""
-    for reason in name_violations("the author's name", author):
+    for reason in author_violations("the author's name", author):
         raise InvalidElement(ElementKind.FLOOR.value, "", "", reason)
-    if len(author) > 60:
-        reason = f"the author's name has {len(author)} characters, at most 60 are allowed"
-        raise InvalidElement(ElementKind.FLOOR.value, "", "", reason)
+
+
+def author_violations(what: str, name: str) -> Iterator[str]:
+    """Why `name` is not that of a person or robot, 1 to 60 printable characters. `what` names it in messages."""
+    yield from name_violations(what, name)
+    if len(name) > 60:
+        yield f"{what} has {len(name)} characters, at most 60 are allowed"
 
 
 def repeating(changes: Sequence[Change], version: int) -> list[Change]:

@@ -6,10 +6,10 @@ it uses each event once: so an event has everything that its robot sees, and the
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import product
 from typing import Annotated, Any
 
 import msgspec
+import numpy as np
 import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
@@ -60,7 +60,8 @@ def seen_of(payload: Any) -> tuple[SeenObstacle, ...]:
 
 def shape_of(outline: Iterable[XY]) -> BaseGeometry:
     """The convex polygon around points [m]; a point or a line is grown to one."""
-    hull = shapely.MultiPoint(list(outline)).convex_hull
+    points = list(outline)
+    hull: BaseGeometry = shapely.convex_hull(shapely.linestrings([*points, points[0]]))
     return hull if hull.area > THIN_M**2 else hull.buffer(THIN_M, cap_style="square")
 
 
@@ -79,12 +80,17 @@ def same_things(
     one: Sequence[SeenObstacle], other: Sequence[SeenObstacle]
 ) -> Iterator[tuple[SeenObstacle, SeenObstacle]]:
     """What two robots both see. Where several things are near each other, the nearest ones belong together."""
-    near: list[tuple[float, float, int, SeenObstacle, SeenObstacle]] = []
-    for a, b in product(one, other):
-        if a.floor == b.floor and is_same(first := shape_of(a.outline), second := shape_of(b.outline)):
-            near.append((first.distance(second), first.centroid.distance(second.centroid), len(near), a, b))
-    taken: set[int] = set()
-    for *_, a, b in sorted(near, key=lambda each: each[:3]):
-        if not taken & {id(a), id(b)}:
-            taken |= {id(a), id(b)}
-            yield a, b
+    if not one or not other:
+        return
+    ours, theirs = (np.array([shape_of(each.outline) for each in seen], object) for seen in (one, other))
+    gaps = shapely.distance(ours[:, None], theirs)
+    is_floor = np.array([[a.floor == b.floor for b in other] for a in one])
+    rows, columns = np.nonzero(is_floor & (gaps <= SAME_THING_M))
+    apart = shapely.distance(shapely.centroid(ours[rows]), shapely.centroid(theirs[columns]))
+    left_ours, left_theirs = set(rows.tolist()), set(columns.tolist())
+    for pair in np.lexsort((apart, gaps[rows, columns])):
+        row, column = int(rows[pair]), int(columns[pair])
+        if row in left_ours and column in left_theirs:
+            left_ours.remove(row)
+            left_theirs.remove(column)
+            yield one[row], other[column]

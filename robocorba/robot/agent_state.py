@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import Enum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.robot.motion.robot_state import RobotState
@@ -33,6 +33,14 @@ class ProgramReport(NamedTuple):
     icons_done: int = 0
     seconds: float = 0.0
 
+    def plain(self) -> dict[str, Any]:
+        """Its members, with the result as a word."""
+        return {**self._asdict(), "result": self.result.name.lower()}
+
+
+#: Number of the latest reports of runs that are kept, and of those in an answer.
+MAX_REPORTS, MAX_PAGE = 1000, 100
+
 
 class RunReport(NamedTuple):
     """A run. number: counts the runs of all processes of the agent. upload: number of the program's upload, 0 if it was
@@ -42,6 +50,10 @@ class RunReport(NamedTuple):
     upload: int
     ended: float
     program: ProgramReport
+
+    def plain(self) -> dict[str, Any]:
+        """Its members, as those of ProgramReport.plain."""
+        return {**self._asdict(), "program": self.program.plain()}
 
 
 class IconBegun(NamedTuple):

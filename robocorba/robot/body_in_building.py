@@ -24,7 +24,7 @@ class BodyInBuilding:
     def __init__(self, session: BuildingSession, agent: ControlAgent) -> None:
         self._session, self._agent = session, agent
         self._is_there, self._problem = False, ""
-        #: Number of the server's last stop that has stopped the robot.
+        #: Number of the server's last stop that has stopped the robot, until neither holds it any more.
         self._known = 0
 
     @property
@@ -35,7 +35,7 @@ class BodyInBuilding:
     def stop(self, reason: str, number: int = 0) -> None:
         """Stop the robot. number: of the server's stop, 0 for another one."""
         self._agent.stop(reason)
-        self._known = max(self._known, number)
+        self._known = number or self._known
 
     def follow(self) -> None:
         """Make the body follow the robot, and each side's stops hold the other, too."""
@@ -62,7 +62,7 @@ class BodyInBuilding:
         if not self._is_there:
             self._session.log_on(at)
             self._session.announce_body(False)
-            self._known, self._is_there = 0, True
+            self._is_there = True
         self._share_stops()
         body = self._session.state().at
         if body.floor != at.floor or math.dist(body[1:3], at[1:3]) > BODY_LOST_M:
@@ -73,10 +73,12 @@ class BodyInBuilding:
 
     def _share_stops(self) -> None:
         hold, reason = self._session.hold(), self._agent.held
-        if hold.is_held and hold.number > self._known:
+        if hold.is_held and hold.number != self._known:  # a smaller one is that of another server
             self.stop(hold.reason, hold.number)
         elif hold.is_held and not reason:  # the robot was reset, and only of stops that it knew
-            self._session.end_stops(self._known)
+            hold = self._session.end_stops(self._known)
         elif reason and not hold.is_held:
             _, hold = self._session.report_stop(reason)
-            self._known = max(self._known, hold.number)
+            self._known = hold.number
+        if not hold.is_held:
+            self._known = 0

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
-from typing import NoReturn
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 from robocorba.errors.robots import RobotLost
-from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.arrays import Floats
-from robocorba.robot.motion.robot_state import RobotState, Velocity
+from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.session import SessionState
 from robocorba.simulation.emergency_stops import NOT_HELD, StopHold
 from robocorba.simulation.registry import Pose
@@ -26,10 +25,9 @@ def kept_pose(records: RecordFile) -> Pose | None:
 
 
 class LocalSession:
-    """A BuildingSession on one floor. start: the robot's pose until its adaptor reports it. robot: returns what the
-    adaptor has reported, None until then."""
+    """A BuildingSession on one floor. start: the robot's pose that is in the file. robot: returns its state."""
 
-    def __init__(self, records: RecordFile, start: Pose, robot: Callable[[], RobotState | None]) -> None:
+    def __init__(self, records: RecordFile, start: Pose, robot: Callable[[], RobotState]) -> None:
         self._records, self._kept, self._robot = records, start, robot
         self._lock = threading.Lock()
         self._hold = next(iter(records.all("stop", StopHold)), NOT_HELD)
@@ -37,8 +35,6 @@ class LocalSession:
     @property
     def latest(self) -> SessionState:
         robot = self._robot()
-        if robot is None:
-            return SessionState(0.0, self._kept, (0.0, 0.0, 0.0), "", None, 0, "")
         at = Pose(self._kept.floor, robot.x, robot.y, robot.heading)
         return SessionState(robot.time, at, robot.velocity, "", None, 0, "")
 
@@ -55,25 +51,13 @@ class LocalSession:
 
     # ---- what only servers need ----
 
-    def log_on(self, at: Pose | None = None) -> None: ...
+    def _nothing(self, *arguments: Any) -> None: ...
 
-    def log_off(self) -> None: ...
-
-    def heartbeat(self) -> None: ...
-
-    def command(self, velocity: Velocity, valid_s: float) -> None: ...
+    log_on = log_off = heartbeat = command = brake = release = cancel_elevator = release_areas = _nothing
 
     def announce_body(self, is_robot: bool) -> None:
         if is_robot:
             _refuse("a virtual robot")
-
-    def brake(self) -> None: ...
-
-    def release(self) -> None: ...
-
-    def cancel_elevator(self) -> None: ...
-
-    def release_areas(self) -> None: ...
 
     # ---- emergency stops ----
 
@@ -113,23 +97,13 @@ class LocalSession:
     def longest_elevator_wait_s(self) -> float:
         _refuse("an elevator ride")
 
-    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
+    def _no_reservation(self, *arguments: Any) -> NoReturn:
         _refuse("a reservation")
 
-    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
-        _refuse("a reservation")
-
-    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
-        _refuse("a reservation")
-
-    def take_over_areas(self, former: str) -> None:
-        _refuse("a reservation")
+    reserve = reserve_one_of = exchange_areas = take_over_areas = keep_areas = _no_reservation
 
     def reservation(self) -> Reservation | None:
         return None
-
-    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        _refuse("a reservation")
 
 
 def _refuse(what: str) -> NoReturn:

@@ -63,7 +63,7 @@ class PoseTrack:
         self._poses: deque[tuple[float, Frame]] = deque(maxlen=100)
 
     def observe(self, state: RobotState) -> bool:
-        """Add a pose. Returns whether the track begins anew: by another clock, or at another place."""
+        """Add a pose. Returns whether the track begins again: by another clock, or at another place."""
         here, last = (state.x, state.y, state.heading), self._poses[-1] if self._poses else None
         is_elsewhere = last is not None and (state.time < last[0] or math.dist(here[:2], last[1][:2]) > 0.5)
         if is_elsewhere:

@@ -1,5 +1,5 @@
 """Programs that were uploaded to the agent on a robot's computer, and the reports of its runs. They survive a kill -9,
-and wait for whoever asks."""
+and wait for anybody who asks."""
 
 from __future__ import annotations
 
@@ -12,13 +12,11 @@ import msgspec
 
 from robocorba.errors.robots import IllegalOrder, InvalidProgram
 from robocorba.robot.agent import ControlAgent
-from robocorba.robot.agent_state import ProgramReport, ProgramResult, RunReport
+from robocorba.robot.agent_state import MAX_PAGE, MAX_REPORTS, ProgramReport, ProgramResult, RunReport
 from robocorba.robot.programs.fingerprint import Fingerprint, fingerprint
 from robocorba.robot.programs.program import Program, loads
 from robocorba.system.record_file import RecordFile
 
-#: Number of the latest reports that are kept, and of those in an answer.
-MAX_REPORTS, MAX_PAGE = 1000, 100
 #: Why a run has failed whose agent was killed.
 INTERRUPTED = "the agent's process ended in this icon"
 
@@ -39,10 +37,8 @@ class Uploads:
     def __init__(self, records: RecordFile, clock: Callable[[], float] = time.time) -> None:
         self._records, self._clock = records, clock
         self._lock = threading.Lock()
-        for kept in records.all("life", str):
-            self._life = kept
-            break
-        else:
+        self._life = next(iter(records.all("life", str)), "")
+        if not self._life:
             self._life = secrets.token_hex(8)
             records.save("life", "", self._life)
         self._upload = next(iter(records.all("upload", _Upload)), None)

@@ -292,8 +292,8 @@ class ChannelSettings:
 class MapEditorSettings:
     """Settings of the map editor server: those of every server, and of proposals.
 
-    channel: the event channel at which it listens for what robots see, empty for none. accept: proposals that so many
-    robots have seen for so long [s] become objects, 0 robots for none."""
+    channel: the event channel at which it listens for what robots see, empty for none. accept: number of robots
+    that must have seen a proposal, and for how long [s], so that it is drawn; 0 robots: none is."""
 
     server: ServerSettings
     channel: str
@@ -305,7 +305,8 @@ class MapEditorSettings:
         ServerSettings.read does."""
         parser = ServerSettings.parser(description)
         parser.add_argument("--channel", default="", metavar="NAME", help="the event channel of what robots see")
-        parser.add_argument("--accept", default="", metavar="ROBOTS,SECONDS", help="what they saw for so long is drawn")
+        what = "what this number of robots has seen for this time is drawn"
+        parser.add_argument("--accept", default="", metavar="ROBOTS,SECONDS", help=what)
         given = parser.parse_args(arguments)
         return cls(ServerSettings.from_arguments(given), given.channel, accept_rule(given.accept))
 

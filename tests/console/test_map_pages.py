@@ -34,7 +34,7 @@ class LocalEditor:
     def __init__(self, editor: BuildingEditor) -> None:
         self.editor, self.sessions = editor, list[LocalSession]()
         self.elements, self.edits_since = editor.elements, editor.edits_since
-        self.offered = Proposals(*editor.snapshot)
+        self.offered = Proposals(editor.snapshot)
         editor.subscribe(self.offered.follow)
         self.proposals, self.reject_proposal = self.offered.open, self.offered.reject
 

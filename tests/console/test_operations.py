@@ -392,8 +392,7 @@ class Agent:
         return Display(DisplayKind.WAITING, "waiting for an order")
 
     def reports(self, since: str) -> tuple[list[RunReport], str]:
-        number = int(since or "0") + 1
-        return [RunReport(number, 1, 5.0, self.progress)] if number < 3 else [], str(number)
+        return [RunReport(number, 1, 5.0, self.progress) for number in (1, 2)], "2"
 
     def fingerprint(self, json: str) -> str:
         return f"of {json}"

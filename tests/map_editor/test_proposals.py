@@ -11,10 +11,12 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from robocorba.errors.maps import InvalidElement, UnknownElement
+from robocorba.errors.maps import InvalidElement, MapFileError, UnknownElement
+from robocorba.map_editor.changes import Change, EditorState, ElementKey, apply
 from robocorba.map_editor.map_building_agent import BuildingEditor
 from robocorba.map_editor.model import BoxShape, Building, ElementKind, Floor, MapObject
 from robocorba.map_editor.proposals import DEFAULT_POLICY, Proposals
+from robocorba.map_editor.renaming import rename_changes
 from robocorba.map_editor.sightings import SeenObstacle, same_things, seen_of
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.validation import problems
@@ -36,9 +38,14 @@ class Place:
     def __init__(
         self, building: Building | None = None, stored: bytes = b"", policy: Any = POLICY, now: float = 100.0
     ) -> None:
-        self.clock, self.planned = Clock(now), [building or two_floors()]
+        self.clock, self.planned, self.written = Clock(now), [building or two_floors()], [stored]
         self.proposals = Proposals(
-            self.planned[0], 1, lambda planned, version: self.planned.append(planned), stored, policy, self.clock
+            (self.planned[0], 1),
+            lambda planned, version: self.planned.append(planned),
+            stored,
+            self.written.append,
+            policy,
+            self.clock,
         )
 
     def watch(self, *things: SeenObstacle, robots: str = "AB", seconds: float = 4.0) -> None:
@@ -154,19 +161,6 @@ def test_anybody_proposes_what_they_are_sure_of(place: Place) -> None:
         place.proposals.propose("L1", outline, 0.9, "Ada")
 
 
-def test_what_is_rejected_comes_again_when_it_was_missed_for_long(place: Place) -> None:
-    place.watch(seen(5.0, 3.0))
-    place.proposals.reject("seen 1")
-    place.clock.now += POLICY.kept_s + 100.0
-    place.proposals.end_unseen()
-    place.watch(seen(5.0, 3.0))
-    assert place.proposals.open() == []
-    place.clock.now += POLICY.rejected_s + 1.0
-    place.proposals.end_unseen()
-    place.watch(seen(5.0, 3.0))
-    assert len(place.proposals.open()) == 1
-
-
 def test_of_too_many_what_was_proposed_or_rejected_is_kept() -> None:
     place = Place(policy=DEFAULT_POLICY._replace(most=3))
     place.watch(seen(1.0, 3.0), seen(3.0, 3.0))
@@ -191,28 +185,50 @@ def test_there_are_not_too_many() -> None:
         place.proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
 
 
-def test_proposals_and_rejections_outlast_a_restart(place: Place, editor: BuildingEditor) -> None:
-    assert editor.proposals() == b""
+def test_proposals_and_rejections_outlast_a_restart(place: Place) -> None:
     place.watch(seen(5.0, 3.0), seen(8.0, 3.0))
     place.proposals.reject("seen 2")
-    place.proposals.save(editor.save_proposals)
-    place.proposals.save(lambda content: pytest.fail("it was written already"))
-    later = Place(stored=editor.proposals())
+    place.proposals.save()
+    assert len(place.written) == 2  # nothing has changed since
+    later = Place(stored=place.written[-1])
     assert [each.name for each in later.proposals.open()] == ["seen 1"]
     assert list(later.objects()) == ["table", "seen 1"]
     later.watch(seen(8.0, 3.0))
     assert [each.name for each in later.proposals.open()] == ["seen 1"]
-    later.watch(seen(8.0, 3.0), seen(5.0, 3.0))
-    later.proposals.reject("seen 1")
-    later.proposals.save(editor.save_proposals)
-    assert Place(stored=editor.proposals()).proposals.open() == []
     drawn = place.planned[0].with_element("L1", MapObject("seen 1", BoxShape((0.5, 0.5)), (5.0, 3.0)))
-    place.proposals.save(editor.save_proposals)
-    content: list[bytes] = []
     place.proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
-    place.proposals.save(content.append)
-    assert [each.name for each in Place(drawn, content[0]).proposals.open()] == ["seen 3"]  # drawn meanwhile
+    assert [each.name for each in Place(drawn, place.written[-1]).proposals.open()] == ["seen 3"]  # drawn meanwhile
     assert Place(stored=b"[{").proposals.open() == []
+
+
+def test_a_decision_that_can_not_be_written_is_an_error_and_written_later(editor: BuildingEditor) -> None:
+    is_full = [True]
+
+    def write(content: bytes) -> None:
+        if is_full[0]:
+            raise MapFileError("map.sqlite", 0, "", "the disk is full")
+        editor.save_proposals(content)
+
+    proposals = Proposals(editor.snapshot, stored=editor.proposals(), write=write)
+    with pytest.raises(MapFileError, match="the disk is full"):
+        proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
+    is_full[0] = False
+    proposals.save()
+    assert [each.name for each in Proposals(editor.snapshot, stored=editor.proposals()).open()] == ["seen 1"]
+
+
+def test_things_stay_on_a_floor_that_is_called_otherwise(editor: BuildingEditor) -> None:
+    place = Place(editor.building)
+    editor.subscribe(place.proposals.follow)
+    place.watch(seen(5.0, 3.0), seen(8.0, 3.0))
+    place.proposals.reject("seen 2")
+    editor.rename(ElementKind.FLOOR, "", "L1", "ground", 1)
+    assert [each.floor for each in place.proposals.open()] == ["ground"]
+    assert "seen 1" in place.objects("ground")
+    place.watch(*(seen(x, 3.0, floor="ground") for x in (5.0, 8.0)))
+    assert [each.name for each in place.proposals.open()] == ["seen 1"]
+    place.proposals.follow(editor.building.without(ElementKind.FLOOR, "", "ground"), 3)
+    assert place.proposals.open() == []
 
 
 SPOTS = {number: (2.0 + 3.0 * number, 3.0) for number in range(4)}
@@ -227,11 +243,13 @@ class ProposalMachine(RuleBasedStateMachine):
         self.building, self.version = self.place.planned[0], 1
         #: By spot: robots, since, last, and new, open or rejected.
         self.model: dict[int, tuple[set[str], float, float, str]] = {}
-        self.names: dict[int, str] = {}
+        self.floor = "L1"
+        #: Floor and model as they were written last.
+        self.written: tuple[str, dict[int, tuple[set[str], float, float, str]]] = self.floor, {}
 
     @rule(spots=st.sets(st.sampled_from(sorted(SPOTS)), min_size=1), robots=st.sampled_from(("AB", "BC", "AC")))
     def see(self, spots: set[int], robots: str) -> None:
-        things = [seen(*SPOTS[spot]) for spot in sorted(spots)]
+        things = [seen(*SPOTS[spot], floor=self.floor) for spot in sorted(spots)]
         self.place.proposals.correlate(dict.fromkeys(robots, things))
         for spot in spots - self.mapped():
             before, since, _, state = self.model.get(spot, (set(), self.now, self.now, "new"))
@@ -259,6 +277,18 @@ class ProposalMachine(RuleBasedStateMachine):
         spot = data.draw(st.sampled_from(self.open()))
         self.place.proposals.reject(self.name(spot))
         self.model[spot] = (*self.model[spot][:3], "rejected")
+        self.written = self.floor, dict(self.model)
+
+    @rule(spot=st.sampled_from(sorted(SPOTS)))
+    def propose(self, spot: int) -> None:
+        """Somebody proposes what stands there, seen already or not."""
+        (x, y), who = SPOTS[spot], "D"
+        if spot in self.mapped():
+            return
+        self.place.proposals.propose(self.floor, [(x + dx, y + dy) for dx, dy in CHAIR], 0.8, who)
+        robots, since, *_ = self.model.get(spot, (set(), self.now))
+        self.model[spot] = robots | {who}, since, self.now, "open"
+        self.written = self.floor, dict(self.model)
 
     @precondition(lambda self: self.open())
     @rule(data=st.data())
@@ -273,33 +303,46 @@ class ProposalMachine(RuleBasedStateMachine):
     @rule(spot=st.sampled_from(sorted(SPOTS)), name=st.sampled_from(("desk", "seen 1", "seen 2")))
     def draw(self, spot: int, name: str) -> None:
         """Somebody draws an object there, also by the name of a proposal."""
-        self.edit(self.building.with_element("L1", MapObject(name, BoxShape((0.6, 0.6)), SPOTS[spot])))
+        self.edit(self.building.with_element(self.floor, MapObject(name, BoxShape((0.6, 0.6)), SPOTS[spot])))
 
     @precondition(lambda self: self.mapped())
     @rule(data=st.data())
     def remove(self, data: st.DataObject) -> None:
-        name = data.draw(st.sampled_from(sorted(self.building.floors["L1"].geometrical.objects)))
-        self.edit(self.building.without(ElementKind.OBJECT, "L1", name))
+        name = data.draw(st.sampled_from(sorted(self.building.floors[self.floor].geometrical.objects)))
+        self.edit(self.building.without(ElementKind.OBJECT, self.floor, name))
 
     @rule()
     def edit_something_else(self) -> None:
         self.edit(self.building.with_element("", Floor("L5", 5, 20.0 + self.version)))
 
+    @rule(name=st.sampled_from(("L1", "ground")))
+    def rename_floor(self, name: str) -> None:
+        state = EditorState(self.building, self.version, {}, 0)
+        key = ElementKey(ElementKind.FLOOR, "", self.floor)
+        changes = rename_changes(state, key, name, state.version_of(key))
+        self.floor = name
+        self.edit(apply(self.building, changes), changes)
+
     @rule()
-    def restart(self) -> None:
-        content: list[bytes] = []
-        self.place.proposals.save(content.append)
-        if not content:
-            return
-        now = self.now
-        self.place = Place(self.building, content[0], now=now)
+    def save(self) -> None:
+        self.place.proposals.save()
+        self.written = self.floor, dict(self.model)
+
+    @rule()
+    def kill_and_restart(self) -> None:
+        """What was decided is there again; of what robots have seen since the last `save` nothing is. A floor that was
+        renamed since then has nothing."""
+        self.place = Place(self.building, self.place.written[-1], now=self.now)
+        floor, model = self.written
         self.model = {
-            spot: (robots, now, now, state) for spot, (robots, _, _, state) in self.model.items() if state != "new"
+            spot: (robots, self.now, self.now, state)
+            for spot, (robots, _, _, state) in model.items()
+            if state != "new" and floor == self.floor and spot not in self.mapped()
         }
 
-    def edit(self, building: Building) -> None:
+    def edit(self, building: Building, changes: Sequence[Change] = ()) -> None:
         self.building, self.version = building, self.version + 1
-        self.place.proposals.follow(building, self.version)
+        self.place.proposals.follow(building, self.version, changes)
         for spot in self.mapped() & self.model.keys():
             del self.model[spot]
 
@@ -308,7 +351,7 @@ class ProposalMachine(RuleBasedStateMachine):
         return self.place.clock.now
 
     def mapped(self) -> set[int]:
-        places = [each.at for each in self.building.floors["L1"].geometrical.objects.values()]
+        places = [each.at for each in self.building.floors[self.floor].geometrical.objects.values()]
         return {spot for spot, at in SPOTS.items() if any(math.dist(at, place) < 0.1 for place in places)}
 
     def open(self) -> list[int]:
@@ -329,10 +372,10 @@ class ProposalMachine(RuleBasedStateMachine):
 
     @invariant()
     def paths_are_planned_around_the_map_and_the_open_ones(self) -> None:
-        drawn = dict(self.building.floors["L1"].geometrical.objects)
+        drawn = dict(self.building.floors[self.floor].geometrical.objects)
         proposed = {each.name: each.element for each in self.place.proposals.open()}
         assert not drawn.keys() & proposed.keys()
-        assert self.place.objects() == {**drawn, **proposed}
+        assert self.place.objects(self.floor) == {**drawn, **proposed}
 
 
 ProposalMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)

@@ -24,12 +24,13 @@ from robocorba.orb.remote_object import RemoteObject, translated
 from robocorba.robot.corba import remote_data_pool as data_pool
 from robocorba.robot.corba.remote_data_pool import PoolFollower
 from robocorba.simulation.corba import floors as conversion
-from robocorba.simulation.corba.remote_database import RemoteFloor, RemoteFloors
+from robocorba.simulation.corba.remote_database import RemoteFloors
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.sensing.continuous_scans import ContinuousScans
 from robocorba.simulation.system_view import RobotPlace
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
+from testkit.simulation import RemoteFloor
 from tests.robot.data_pool.places import Place
 from tests.simulation.places import scan
 

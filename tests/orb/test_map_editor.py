@@ -55,7 +55,7 @@ class CountingOrb:
 
 def servant_of(editor: BuildingEditor, activator: Any, clock: Callable[[], float] = time.monotonic) -> MapEditorServant:
     """The map editor, with proposals."""
-    proposals = Proposals(*editor.snapshot)
+    proposals = Proposals(editor.snapshot)
     editor.subscribe(proposals.follow)
     return MapEditorServant(EditSessions(editor, clock=clock), proposals, activator)
 

@@ -31,6 +31,7 @@ from robocorba.system.stop_latch import StopLatch
 from tests.simulation.places import tower
 
 START = Pose("L1", 7.0, 2.0, 0.5)
+AT_START = RobotState(x=7.0, y=2.0, heading=0.5)
 
 
 def record_file(folder: Path) -> RecordFile:
@@ -47,31 +48,31 @@ def records(tmp_path: Path) -> Iterator[RecordFile]:
 
 
 def test_the_session_is_where_the_adaptor_says_and_remembers_it(records: RecordFile) -> None:
-    told: list[RobotState] = []
-    session = LocalSession(records, START, lambda: told[-1] if told else None)
+    reported = [AT_START]
+    session = LocalSession(records, START, lambda: reported[-1])
     assert (session.state().at, kept_pose(records)) == (START, None)
     session.keep_pose()
     assert kept_pose(records) is None
-    told.append(RobotState(time=3.0, x=7.5, y=2.0, heading=0.5, velocity=(0.1, 0.0, 0.0)))
+    reported.append(RobotState(time=3.0, x=7.5, y=2.0, heading=0.5, velocity=(0.1, 0.0, 0.0)))
     session.keep_pose()
     assert kept_pose(records) == session.latest.at == Pose("L1", 7.5, 2.0, 0.5)
     assert (session.latest.time, session.latest.velocity) == (3.0, (0.1, 0.0, 0.0))
-    told.append(RobotState(x=7.505, y=2.0, heading=0.5))  # noise of the odometry is not written
+    reported.append(RobotState(x=7.505, y=2.0, heading=0.5))  # noise of the odometry is not written
     session.keep_pose()
     assert kept_pose(records) == Pose("L1", 7.5, 2.0, 0.5)
-    told.append(RobotState(x=7.5, y=2.0, heading=0.6))
+    reported.append(RobotState(x=7.5, y=2.0, heading=0.6))
     session.keep_pose()
     assert kept_pose(records) == Pose("L1", 7.5, 2.0, 0.6)
 
 
 def test_a_stop_outlives_the_process(tmp_path: Path) -> None:
     with record_file(tmp_path) as records:
-        session = LocalSession(records, START, lambda: None)
+        session = LocalSession(records, START, lambda: AT_START)
         assert session.hold() == NOT_HELD
         assert session.report_stop("button") == (True, StopHold(True, 1, "button"))
         assert session.report_stop("again") == (False, StopHold(True, 1, "button"))
     with record_file(tmp_path) as records:
-        session = LocalSession(records, START, lambda: None)
+        session = LocalSession(records, START, lambda: AT_START)
         assert session.hold() == StopHold(True, 1, "button")
         assert session.end_stops(0).is_held
         assert not session.end_stops(1).is_held
@@ -79,7 +80,7 @@ def test_a_stop_outlives_the_process(tmp_path: Path) -> None:
 
 
 def test_what_only_the_simulation_server_has_is_refused(records: RecordFile) -> None:
-    session = LocalSession(records, START, lambda: None)
+    session = LocalSession(records, START, lambda: AT_START)
     for call in (
         lambda: session.announce_body(True),
         lambda: session.scan(START, Mount(0.0, 0.0, 0.0), ray_sensor("laser").spec(0.0)),
@@ -189,7 +190,7 @@ class SharedStops(RuleBasedStateMachine):
     def begin(self) -> None:
         self.closing = contextlib.ExitStack()
         folder = Path(self.closing.enter_context(tempfile.TemporaryDirectory()))
-        self.server = Server(self.closing.enter_context(record_file(folder)), START, lambda: None)
+        self.server = Server(self.closing.enter_context(record_file(folder)), START, lambda: AT_START)
         self.robot: Any = Robot(self.server)
         self.body = BodyInBuilding(self.server, self.robot)
         #: Whether there is a stop after the last reset, and whether the robot knows of all of them.
@@ -210,15 +211,19 @@ class SharedStops(RuleBasedStateMachine):
 
     @rule(is_called=st.booleans())
     def stop_at_server(self, is_called: bool) -> None:
-        """is_called: the server reaches the robot's stop target before the body follows."""
+        """is_called: the robot gets the last stop, which stands for all before it, before the body follows."""
         is_new, hold = self.server.report_stop("fire")
         if not is_new:  # an operator's stop has a number of its own, also while another one holds
             self.server._change(hold := hold._replace(number=hold.number + 1))
-        self.is_held = True
-        if is_called and not self.server.is_away:
+        self.is_held, self.is_known = True, is_called and not self.server.is_away
+        if self.is_known:
             self.body.stop("fire", hold.number)
-        else:
-            self.is_known = False
+
+    @rule()
+    def forget_stops(self) -> None:
+        """Another server, which has other numbers."""
+        self.server._change(NOT_HELD._replace(number=self.server._hold.number + 3))
+        self.is_held, self.is_known = bool(self.robot.held), True
 
     @rule()
     def reset(self) -> None:
@@ -238,7 +243,22 @@ class SharedStops(RuleBasedStateMachine):
 
 
 TestSharedStops = SharedStops.TestCase
-TestSharedStops.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
+TestSharedStops.settings = settings(max_examples=100, stateful_step_count=25, deadline=None)
+
+
+def test_a_stop_of_a_server_that_counts_from_the_beginning_holds_and_can_be_ended(tmp_path: Path) -> None:
+    with record_file(tmp_path) as records:
+        server = Server(records, START, lambda: AT_START)
+        robot: Any = Robot(server)
+        body = BodyInBuilding(server, robot)
+        for stop in (StopHold(True, 5, "fire"), StopHold(True, 1, "smoke"), StopHold(True, 1, "smoke")):
+            server._change(stop)
+            body.follow()
+            assert robot.held and server.hold().is_held
+            if stop.number == 1:
+                robot.latch.end(robot.latch.number)
+                body.follow()
+                assert not robot.held and not server.hold().is_held
 
 
 def test_a_body_that_is_left_behind_logs_on_where_the_robot_is(records: RecordFile) -> None:
@@ -252,7 +272,7 @@ def test_a_body_that_is_left_behind_logs_on_where_the_robot_is(records: RecordFi
         def command(self, velocity: Any, valid_s: float) -> None:
             commands.append(velocity)
 
-    session = Building(records, START, lambda: None)  # it stays at the start
+    session = Building(records, START, lambda: AT_START)  # it stays at the start
     robot: Any = Robot(LocalSession(records, START, lambda: RobotState(x=7.3, y=2.0)))
     robot.actor = RobotState(x=7.3, y=2.0, heading=0.5)
     body = BodyInBuilding(session, robot)

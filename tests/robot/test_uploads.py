@@ -244,7 +244,7 @@ def test_an_agent_elsewhere_keeps_nothing() -> None:
     ("icon", "parameter", "server"),
     [
         ({"icon": "mbase_path", "floor": "L2", "x": 1, "y": 1}, "floor", "an elevator ride"),
-        ({"icon": "gripper", "hand": "left", "action": "close", "object": "T1"}, "object", "building's objects"),
+        ({"icon": "gripper", "hand": "left", "action": "close", "object": "T1"}, "object", "knows objects"),
         ({"icon": "wait_until", "condition": {"when": "holding", "hand": "left"}, "seconds": 1}, "condition", "hands"),
         ({"icon": "move_table", "table": "T1", "to": {"floor": "L1", "x": 1, "y": 1}}, "icon", "a mission"),
         ({"icon": "hand_over", "object": "T1", "taker": "B"}, "icon", "a mission"),

@@ -23,7 +23,6 @@ from robocorba.map_editor.model import Wall
 from robocorba.map_editor.polygons import FloorArea
 from robocorba.robot.corba.remote_data_pool import PoolFollower, RemotePool
 from robocorba.robot.data_pool.pool import DataPool
-from robocorba.simulation.corba.remote_database import RemoteFloor
 from robocorba.simulation.registry import LEASE_S
 from robocorba.simulation.sensor_admission import proof_of, read_token
 from robocorba.stubs import RoboCorba
@@ -36,6 +35,7 @@ from testkit.simulation import (
     Chaos,
     ClientProcess,
     Place,
+    RemoteFloor,
     about,
     away,
     drive_to,

@@ -7,7 +7,7 @@ import { PanelChoice } from "/static/panel_choice.js";
 import { DISPLAYS } from "/static/robot_display.js";
 
 const EVERY_MS = 400, LIMIT_MS = 4000, STOP_MS = 8000;
-// News that are older count as none [s]; a message stays so long [ms].
+// News that are older count as none [s]; how long a message stays [ms].
 const OLD_S = 3, MESSAGE_MS = 8000;
 const LOADED = "";
 
@@ -17,7 +17,7 @@ export default {
   props: { robot: String },
   template: `
     <main class="panel">
-      <section class="panel-display" :class="['is-' + (shown.kind || 'lost'), { 'is-asking': isAsking }]"
+      <section class="panel-display" :class="'is-' + (shown.kind || 'lost')"
                :style="{ background: color }" aria-label="Display">
         <header>
           <bdi class="panel-robot">{{ robot }}</bdi>

@@ -32,7 +32,7 @@ export class RayFans {
 
   // scans: as live.scansOn() has them, each with the height `z` of its floor. selected: a robot, or empty.
   set(scans, selected) {
-    // Most robots rest: nothing is drawn anew then.
+    // Most robots rest: nothing is drawn again then.
     const drawn = scans.map(({ key, pose, ranges, hits, z }) => [key, pose, ranges, hits, z]);
     const seen = JSON.stringify([selected, drawn]);
     if (seen === this.seen) return;

@@ -13,7 +13,7 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import Answer, translated
-from robocorba.robot.agent_state import AgentState, IconBegun, Question, RunReport
+from robocorba.robot.agent_state import MAX_REPORTS, AgentState, IconBegun, Question, RunReport
 from robocorba.robot.corba import robot_states
 from robocorba.robot.display import Display, display_of
 from robocorba.robot.motion.robot_state import Velocity
@@ -100,9 +100,15 @@ class RemoteAgent:
         return int(self._call(lambda: self._slow_agent.upload(json, checked)))
 
     def reports(self, since: str) -> tuple[list[RunReport], str]:
-        """Reports of runs that are kept on the robot's own computer, and what to pass for those after them. since: that
+        """All reports of runs that are kept on the robot's own computer, and what to pass for later ones. since: that
         of an earlier answer, empty for all."""
-        return robot_states.run_reports_of(self._call(lambda: self._agent.reports(since)))
+        found: list[RunReport] = []
+        while len(found) < MAX_REPORTS:
+            page, since = robot_states.run_reports_of(self._call(partial(self._agent.reports, since)))
+            found += page
+            if not page:
+                break
+        return found, since
 
     def sensors(self) -> list[str]:
         """Names of its range sensors."""

@@ -46,11 +46,11 @@ class _OwnScans:
 
     def of(self, robot: str) -> list[RobotScan] | None:
         """As `_Robot.scans`; None also for a robot without an agent."""
-        with self._lock:
+        with self._lock:  # others need these names, too
             if time.monotonic() >= self._known_until:
+                self._known_until = time.monotonic() + AGAIN_S  # also if nobody answers: they go by the former ones
                 names = self._orb.names(ROBOTS, CALL_TIMEOUT_S)
                 self._robots = {name: self._robots.get(name) or _Robot(self._orb, name) for name in names}
-                self._known_until = time.monotonic() + AGAIN_S
             found = self._robots.get(robot)
         return found.scans() if found else None
 

@@ -34,10 +34,7 @@ def _what_needs_servers(icon: Icon, floor: str, has_channel: bool) -> tuple[str,
     if isinstance(icon, MbasePath) and icon.floor != floor:
         return "floor", f"an elevator ride needs the simulation server, and this agent drives on {floor} without it"
     if isinstance(icon, Gripper) and icon.object:
-        return (
-            "object",
-            "the simulation server knows the building's objects, and this agent runs without it; leave it out",
-        )
+        return "object", "the simulation server knows objects, and this agent runs without it; leave it out"
     if isinstance(condition, Holding):
         return "condition", "the simulation server knows what hands hold, and this agent runs without it"
     if not has_channel and (isinstance(icon, Say) or isinstance(condition, Event)):

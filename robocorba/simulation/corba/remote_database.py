@@ -27,22 +27,6 @@ def changes(database: Any, floor: str, since: int) -> FloorUpdate:
         return floors.update_of(database.floorChanges(floor, since))
 
 
-class RemoteFloor:
-    """Local copy of a floor of `database`, a RoboCorba::OmniDatabase. Not thread-safe."""
-
-    def __init__(self, database: Any, floor: str) -> None:
-        self._database = database
-        self.view = FloorView(floor)
-
-    def follow(self) -> FloorUpdate:
-        """Update `view`: the first time by the whole floor, later by changes. Returns the update.
-
-        Raises UnknownFloor, NotReachable."""
-        update = changes(self._database, self.view.floor, self.view.version)
-        self.view.apply(update)
-        return update
-
-
 class RemoteDatabase:
     """The Omni database of a running system, resolved by the first call and after each failure. Thread-safe.
 
