@@ -78,7 +78,6 @@ def test_what_two_robots_see_for_a_moment_is_proposed_and_planned_around(place: 
     assert drawn.at == pytest.approx((5.0, 3.0))
     assert len(place.planned) == 2  # planned anew once, not for each sighting
     assert not problems(place.planned[-1])
-    assert place.proposals.due() == []
     place.watch(chair, seconds=20.0)
     assert [each.name for each in place.proposals.due()] == ["seen 1"]
 

@@ -152,6 +152,7 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
     sync.expect.set_options(timeout=PATIENCE_S * 1000.0)
     with headless(chromium() or "") as browser:
         page, troubles = browser.new_page(), list[str]()
+        page.set_default_timeout(PATIENCE_S * 1000.0)
         page.on("pageerror", lambda error: troubles.append(str(error)))
         for path, region in (("", "Robot"), ("3d", "Selected robot")):
             for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
