@@ -496,7 +496,8 @@ class LogOn(RuleBasedStateMachine):
         for _ in range(steps):
             self.agent.step()
         over = self.areas.pass_time(self.agent.simulated.time)
-        assert [(*event.who, event.reason) for event in self.events if event.kind == "reservation over"] == over
+        ended = [(*event.who, event.reason) for event in self.events if event.kind == "reservation over"]
+        assert sorted(ended) == sorted(over)  # those of robots that fell silent together come in any order
         for event in self.events:
             if event.kind == "ride lost":
                 assert self.here[event.who[0]].is_riding
