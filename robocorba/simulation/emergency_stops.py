@@ -104,7 +104,9 @@ class _Name:
     the target was called; is_confirmed: it has confirmed one since the robot is held; problem: why it has not."""
 
     def __init__(self, latch: StopLatch | None = None) -> None:
-        self.latch = latch or StopLatch()
+        # A new one numbers its stops as no earlier one of its name did: the robot may remember their numbers.
+        self.latch = latch or StopLatch(secrets.randbits(40))
+        self._first = 0 if latch else self.latch.number
         self.registration = self.target = self.problem = ""
         self.stands_with_body = True
         self.called = 0
@@ -122,7 +124,7 @@ class _Name:
     @property
     def is_recorded(self) -> bool:
         """Whether the file has to have it. A robot without a target that was never stopped logs on without a write."""
-        return bool(self.target or self.latch.number)
+        return bool(self.target) or self.latch.number > self._first
 
     @property
     def record(self) -> StopRecord:
@@ -150,8 +152,6 @@ class EmergencyStops:
         self._names: dict[str, _Name] = {}
         #: The stop of all robots.
         self._all = _Name()
-        #: Number that the stops of new names begin after: none that a robot remembers, if the file was damaged.
-        self._first_number = 0
         # 16 targets are called at a time: robots that hang hold up the calls of others that much less. A defect of a
         # call becomes the robot's `problem`; it is called again by the next stop.
         self._callers = Workers("emergency-stops", 16, lambda reason: None)
@@ -176,8 +176,7 @@ class EmergencyStops:
                 if name == ALL:
                     self._all = known
                     continue
-                known.registration, known.target = record.registration, record.target
-                known.stands_with_body = record.stands_with_body
+                known.begin_session(record.registration, record.target, record.stands_with_body)
                 self._names[name] = known
         for session in self._sessions():
             self.admit(session)
@@ -185,7 +184,7 @@ class EmergencyStops:
             present = {session.name for session in self._sessions()}
             self._names = {name: known for name, known in self._names.items() if known.latch.is_on or name in present}
         self._writer.start()
-        if self._first_number:
+        if self._all.latch.is_on and not records:
             self._write_now()
 
     def close(self) -> None:
@@ -345,7 +344,7 @@ class EmergencyStops:
 
     def _of(self, session: Session) -> _Name:
         """Requires the lock."""
-        known = self._names.get(session.name) or _Name(StopLatch(self._first_number))
+        known = self._names.get(session.name) or _Name()
         if known.registration != registration(session) and not session.client.is_logged_off:
             known.begin_session(registration(session))
             self._names[session.name] = known
@@ -355,8 +354,6 @@ class EmergencyStops:
 
     def _lose_file(self, error: Exception) -> None:
         """Nobody knows which robots the file held."""
-        self._first_number = secrets.randbits(40)
-        self._all = _Name(StopLatch(self._first_number))
         self._all.latch.stop(f"{self._file.name} could not be read: {str(error)[:MAX_REASON]}")
         consequence = f"all robots are stopped, {UNTIL_RESET}"
         try:

@@ -571,6 +571,16 @@ class Stops(RuleBasedStateMachine):
             assert world.control.stopped or world.is_held_on_disk, "a stop is lost"
 
 
+def test_a_robot_that_logs_on_again_is_held_by_the_stop_of_all_though_it_was_reset_before() -> None:
+    """Its name is new to the server then; the numbers of its stops are others."""
+    machine: Any = Stops()  # type: ignore[no-untyped-call]
+    machine.begin()
+    with contextlib.closing(machine.world), machine._closing.pop_all():
+        for what in ("stop_all", "deliver", "reset", "expire", "stop", "reset"):
+            machine.world.happen(what)
+        machine.holds()
+
+
 TestStops = Stops.TestCase
 TestStops.settings = settings(deadline=None, max_examples=50, stateful_step_count=30)
 
