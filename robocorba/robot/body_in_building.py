@@ -72,13 +72,16 @@ class BodyInBuilding:
         self._session.command(follow_velocity(robot, body), 3 * FOLLOW_S)
 
     def _share_stops(self) -> None:
+        known = self._known
         hold, reason = self._session.hold(), self._agent.held
-        if hold.is_held and hold.number != self._known:  # a smaller one is that of another server
+        if self._known != known:  # a stop came at the same time
+            return
+        is_known = hold.number == known or not hold.is_held
+        if not hold.is_held and reason:
+            is_known, hold = self._session.report_stop(reason)
+        elif is_known and hold.is_held and not reason:  # the robot was reset
+            self._session.end_stops(known)
+        if not is_known:  # a smaller number is that of another server
             self.stop(hold.reason, hold.number)
-        elif hold.is_held and not reason:  # the robot was reset, and only of stops that it knew
-            hold = self._session.end_stops(self._known)
-        elif reason and not hold.is_held:
-            _, hold = self._session.report_stop(reason)
-            self._known = hold.number
-        if not hold.is_held:
-            self._known = 0
+        elif self._known == known:
+            self._known = hold.number if reason else 0

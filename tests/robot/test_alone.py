@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 from hypothesis import settings
@@ -31,6 +31,9 @@ from robocorba.system.stop_latch import StopLatch
 from tests.simulation.places import tower
 
 START = Pose("L1", 7.0, 2.0, 0.5)
+#: What may happen between two calls of the server.
+MEANWHILE = ("-", "-", "stop robot", "stop and call", "stop", "reset", "cut")
+T = TypeVar("T")
 AT_START = RobotState(x=7.0, y=2.0, heading=0.5)
 
 
@@ -157,14 +160,33 @@ def test_the_pool_holds_its_floor(records: RecordFile) -> None:
 
 
 class Server(LocalSession):
-    """A session at a simulation server. is_away: it does not answer."""
+    """A session at a simulation server. is_away: it does not answer. script: what happens before and after its calls,
+    as if another thread had been quicker."""
 
     is_away = False
+    script: Sequence[Callable[[], None]] = ()
 
     def hold(self) -> StopHold:
+        return self._answer(super().hold)
+
+    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
+        return self._answer(lambda: super(Server, self).report_stop(reason))
+
+    def end_stops(self, number: int) -> StopHold:
+        return self._answer(lambda: super(Server, self).end_stops(number))
+
+    def _answer(self, call: Callable[[], T]) -> T:
+        self._happen()
+        found = call()
+        self._happen()
+        return found
+
+    def _happen(self) -> None:
+        if self.script:
+            what, *self.script = self.script
+            what()
         if self.is_away:
             raise ServerAway("no answer")
-        return super().hold()
 
 
 class Robot:
@@ -172,8 +194,8 @@ class Robot:
 
     actor: RobotState | None = RobotState(x=7.0, y=2.0)
 
-    def __init__(self, session: LocalSession) -> None:
-        self.session, self.latch = session, StopLatch()
+    def __init__(self, session: LocalSession, latch: StopLatch | None = None) -> None:
+        self.session, self.latch = session, latch or StopLatch()
 
     def stop(self, reason: str) -> None:
         self.latch.stop(reason)
@@ -181,6 +203,16 @@ class Robot:
     @property
     def held(self) -> str:
         return self.latch.reason
+
+
+class Body(BodyInBuilding):
+    """told: number of the last stop of the server that the robot has got."""
+
+    told = 0
+
+    def stop(self, reason: str, number: int = 0) -> None:
+        self.told = max(self.told, number)
+        super().stop(reason, number)
 
 
 class SharedStops(RuleBasedStateMachine):
@@ -191,10 +223,15 @@ class SharedStops(RuleBasedStateMachine):
         self.closing = contextlib.ExitStack()
         folder = Path(self.closing.enter_context(tempfile.TemporaryDirectory()))
         self.server = Server(self.closing.enter_context(record_file(folder)), START, lambda: AT_START)
-        self.robot: Any = Robot(self.server)
-        self.body = BodyInBuilding(self.server, self.robot)
-        #: Whether there is a stop after the last reset, and whether the robot knows of all of them.
-        self.is_held, self.is_known = False, True
+        self.start_robot(StopLatch())
+        #: Whether there is a stop after the last reset, and whether one came from the server.
+        self.is_held = self.is_from_server = False
+
+    def start_robot(self, latch: StopLatch) -> None:
+        self.robot: Any = Robot(self.server, latch)
+        self.body = Body(self.server, self.robot)
+        #: Number of the server's last stop.
+        self.last = self.server._hold.number if self.server._hold.is_held else 0
 
     def teardown(self) -> None:
         if hasattr(self, "closing"):
@@ -212,23 +249,46 @@ class SharedStops(RuleBasedStateMachine):
     @rule(is_called=st.booleans())
     def stop_at_server(self, is_called: bool) -> None:
         """is_called: the robot gets the last stop, which stands for all before it, before the body follows."""
-        is_new, hold = self.server.report_stop("fire")
-        if not is_new:  # an operator's stop has a number of its own, also while another one holds
-            self.server._change(hold := hold._replace(number=hold.number + 1))
-        self.is_held, self.is_known = True, is_called and not self.server.is_away
-        if self.is_known:
+        hold = StopHold(True, self.server._hold.number + 1, "fire")
+        self.server._change(hold)
+        self.is_held, self.last, self.is_from_server = True, hold.number, True
+        if is_called and not self.server.is_away:
             self.body.stop("fire", hold.number)
 
     @rule()
     def forget_stops(self) -> None:
         """Another server, which has other numbers."""
         self.server._change(NOT_HELD._replace(number=self.server._hold.number + 3))
-        self.is_held, self.is_known = bool(self.robot.held), True
+        self.is_held, self.last, self.is_from_server = bool(self.robot.held), 0, False
 
     @rule()
     def reset(self) -> None:
         self.robot.latch.end(self.robot.latch.number)
-        self.is_held = not self.is_known
+        self.is_held = self.body.told < self.last
+        self.is_from_server &= self.is_held
+
+    @rule()
+    def kill_robot(self) -> None:
+        """What holds it is in its own file; what it knew of the server's stops is not."""
+        latch = self.robot.latch
+        self.start_robot(StopLatch(latch.number, latch.reasons))
+        self.is_held |= self.server._hold.is_held
+
+    @rule(script=st.lists(st.sampled_from(MEANWHILE), max_size=3))
+    def follow_meanwhile(self, script: list[str]) -> None:
+        """Stops and resets between the calls of the server."""
+        calls = {
+            "-": lambda: None,
+            "stop robot": self.stop_robot,
+            "stop and call": lambda: self.stop_at_server(True),
+            "stop": lambda: self.stop_at_server(False),
+            "reset": self.reset,
+            "cut": lambda: self.link(True),
+        }
+        self.server.script = [calls[what] for what in script]
+        self.body.follow()
+        self.server.script = ()
+        assert self.server._hold.is_held or not self.is_from_server, "a stop of the server has ended"
 
     @rule()
     def follow(self) -> None:
@@ -236,10 +296,18 @@ class SharedStops(RuleBasedStateMachine):
         if self.server.is_away:
             assert self.body.pause_s == RETRY_S
             return
-        self.is_known = True
         self.body.follow()  # a first one may have logged on
         assert self.body.pause_s == FOLLOW_S
         assert bool(self.robot.held) == self.server.hold().is_held == self.is_held
+
+
+def test_a_reset_ends_no_stop_of_the_server_that_came_while_the_robot_reported_its_own() -> None:
+    shared: Any = SharedStops()  # type: ignore[no-untyped-call]
+    shared.begin()
+    with shared.closing:
+        shared.follow_meanwhile(["stop robot", "stop"])
+        shared.follow_meanwhile(["reset"])
+        shared.follow()
 
 
 TestSharedStops = SharedStops.TestCase
