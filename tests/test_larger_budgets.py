@@ -1,0 +1,36 @@
+"""State machines with more examples than the first half has time for, and others in each run: of faults that take three
+rules in a certain order, the usual examples find few."""
+
+from __future__ import annotations
+
+import pkgutil
+import random
+
+import pytest
+from hypothesis import seed, settings
+from hypothesis.stateful import run_state_machine_as_test
+
+pytestmark = pytest.mark.full
+
+#: Examples of each, 10 to 25 s of a processor.
+EXAMPLES = {
+    "events.test_federation_machine:FederationMachine": 300,
+    "map_editor.test_proposals:ProposalMachine": 300,
+    "missions.test_succession_of_leaders:Succession": 800,
+    "robot.test_alone:SharedStops": 1000,
+    "robot.test_emergency_stop:Stops": 300,
+    "robot.test_program_runs:Runs": 80,
+    "simulation.test_log_on:LogOn": 200,
+    "simulation.test_map_edits:MapEdits": 150,
+    "simulation.test_traffic:Traffic": 150,
+}
+
+
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_machine_with_more_examples(name: str, request: pytest.FixtureRequest) -> None:
+    number = int(request.config.getoption("--hypothesis-seed") or random.getrandbits(32))
+    print(f"these examples again: python -m pytest '{request.node.nodeid}' --hypothesis-seed={number}")
+    machine = pkgutil.resolve_name(f"tests.{name}")
+    larger = settings(machine.TestCase.settings, max_examples=EXAMPLES[name], derandomize=False, database=None)
+    run_state_machine_as_test(seed(number)(type(machine.__name__, (machine,), {})), settings=larger)
