@@ -20,7 +20,6 @@ from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
-from robocorba.simulation.emergency_stops import StopHold
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -90,26 +89,21 @@ def test_what_is_refused_says_why(agent: ControlAgent, place: Place) -> None:
     run(agent, SHORT)
 
 
-def test_a_program_is_checked_while_another_one_runs(agent: ControlAgent) -> None:
-    agent.load(LONG)
-    agent.run()
-    report = agent.check(WRONG)
-    assert [str(finding) for finding in report.findings] == ["icons[0].ahead: is wrong"]
-    assert [note.what for note in report.notes] == ["checked from L1"]
-    assert agent.program is LONG and agent.state.condition is AgentCondition.RUNNING
-    for order in (agent.run, lambda: agent.load(SHORT), lambda: agent.switch("simulated", ())):
-        with pytest.raises(IllegalOrder, match="runs a program"):
-            order()
-
-
-def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, session: InProcessSession) -> None:
+def test_while_a_drive_lasts_its_path_is_there_and_another_program_is_only_checked(
+    agent: ControlAgent, session: InProcessSession
+) -> None:
     assert not agent.path
     start = session.latest.at
     goal = start.x + 1.0, start.y
     agent.load(ProgramBuilder("drive").mbase_path("L1", *goal).program())
     agent.run()
     eventually(lambda: len(agent.path) > 1, "driving")
-    path = agent.path
+    report, path = agent.check(WRONG), agent.path
+    assert [str(finding) for finding in report.findings] == ["icons[0].ahead: is wrong"]
+    assert [note.what for note in report.notes] == ["checked from L1"]
+    for order in (agent.run, lambda: agent.load(SHORT), lambda: agent.switch("simulated", ())):
+        with pytest.raises(IllegalOrder, match="runs a program"):
+            order()
     assert (path[0].x, path[0].y) == pytest.approx((start.x, start.y), abs=1e-3)
     assert (path[-1].x, path[-1].y) == pytest.approx(goal, abs=1e-3)
     agent.abort()
@@ -171,26 +165,6 @@ def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     later.reset_stop()
     later.drive((0.0, 0.0, 0.1), 1.0)
     later.close()
-
-
-def test_a_stop_of_the_server_is_reset_with_its_number_only(
-    agent: ControlAgent, place: Place, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place.stops.stop(["A"], "fire")
-    agent.stop("fire", 1)
-    end_stops = session.end_stops
-
-    def stop_meanwhile(number: int) -> StopHold:
-        place.stops.stop(["A"], "smoke")
-        return end_stops(number)
-
-    monkeypatch.setattr(session, "end_stops", stop_meanwhile)
-    with pytest.raises(IllegalOrder, match="is held by the simulation server: smoke"):
-        agent.reset_stop()
-    assert agent.state.condition is AgentCondition.STOPPED
-    monkeypatch.undo()
-    agent.reset_stop()
-    assert agent.state.condition is AgentCondition.IDLE
 
 
 def test_another_robot_behind_the_same_agent(

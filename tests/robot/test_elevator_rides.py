@@ -21,7 +21,6 @@ from robocorba.map_editor.model import Building
 from robocorba.map_editor.samples import SAMPLES, load_sample
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import SMARTPAL_SPEED_M_S, PathRequest, Place, PointKind
 from robocorba.robot.elevator_rides import (
     DOOR_GAP_M,
     ELEVATOR_CALL_DISTANCE_M,
@@ -169,27 +168,6 @@ def test_a_robot_that_is_too_slow_to_board_does_not_call_the_cabin(place: Storey
         losing.drive(speed=0.05)
     assert losing.session.calls == 0
     assert losing.session.latest.at[:3] == ("L1", 11.0, 9.25)
-
-
-def test_times_before_and_after_a_ride_are_of_driving(place: Storeys) -> None:
-    """A robot drives as fast as they say: at the speed of the request, or at the limit of a path edge."""
-    floors = place.building.floors.values()
-    limits = {edge.speed_limit for floor in floors for edge in floor.topological.edges.values()}
-    speeds = {SMARTPAL_SPEED_M_S} | {limit for limit in limits if 0.0 < limit < SMARTPAL_SPEED_M_S}
-    for elevator, origin, destination in place.rides():
-        place.planner.elevator = elevator
-        (path,) = place.planner.paths(
-            PathRequest(
-                Place(origin, *place.landing(elevator, origin)),
-                Place(destination, *place.landing(elevator, destination)),
-            )
-        )
-        for before, after in pairwise(path.points):
-            seconds, metres = after.time - before.time, after.distance - before.distance
-            if after.kind is PointKind.ELEVATOR_EXIT:
-                assert seconds > metres / place.building.elevators[elevator].speed
-            else:
-                assert any(metres == pytest.approx(seconds * speed) for speed in speeds)
 
 
 class Leaves(Exception):

@@ -313,41 +313,6 @@ def test_a_stop_works_while_the_adaptor_hangs_or_fails_to_stop(high: HighControl
         high.reset_stop()
 
 
-def test_what_comes_between_leaves_a_robot_stopped(high: HighController, adaptor: Watched) -> None:
-    def refuse(number: int) -> None:
-        raise RobotLost("the server does not answer")
-
-    high.emergency_stop("button")
-    with pytest.raises(RobotLost):
-        high.reset_stop(end=refuse)
-    assert high.stopped == "button" and high.is_stop_confirmed
-    assert not adaptor.disc.read(RobotState())
-    adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
-    with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
-        high.reset_stop()
-    eventually(lambda: high.stopped == "", "found again")
-
-
-def test_a_stop_during_a_reset_or_a_reconnection_stays(high: HighController, adaptor: Watched) -> None:
-    for where in ("before_start", "before_read"):
-        high.emergency_stop("first")
-        setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
-        with pytest.raises(IllegalOrder, match="was stopped again: second"):
-            high.reset_stop()
-        assert high.stopped == "second"
-        assert not adaptor.disc.read(RobotState())
-        high.reset_stop()
-        works(high)
-    adaptor.failure = RobotLost("nobody answers")
-    eventually(lambda: high.stopped == "nobody answers", "lost")
-    adaptor.before_start, done = once(lambda: high.emergency_stop("button"))
-    adaptor.failure = None
-    eventually(lambda: done, "a reconnection")
-    eventually(lambda: high.is_stop_confirmed, "that it stands")  # it has started, and is stopped at once
-    assert (high.stopped, high.is_lost) == ("button", False)
-    assert not adaptor.disc.read(RobotState())
-
-
 @pytest.mark.parametrize("hangs", [False, True])
 def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched, hangs: bool) -> None:
     """Whoever has set it, such as while this controller was about to replace another one."""

@@ -12,7 +12,7 @@ from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
 from tests.clock import Clock
-from tests.simulation.places import tower
+from tests.simulation.places import robot, tower
 
 
 class Place:
@@ -50,6 +50,15 @@ class Place:
     def start_again(self) -> None:
         """The database of another process, with the same building."""
         self.database = OmniDatabase(self.world)
+
+
+def populated(*names: str) -> Place:
+    """With robots on the lower floor, a metre apart."""
+    place = Place()
+    for index, name in enumerate(names):
+        place.world.add(robot(name, x=7.0, y=1.0 + index))
+    place.world.refresh()
+    return place
 
 
 def furnished() -> Building:

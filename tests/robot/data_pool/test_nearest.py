@@ -113,14 +113,6 @@ def test_open_doors_are_no_obstacle() -> None:
         assert before_door.distance_m == pytest.approx(math.hypot(0.5, 0.1) if is_open else 0.1, abs=1e-5)
 
 
-def test_inside_an_object_the_distance_is_0() -> None:
-    place = crowd("L1")
-    pool = place.pool("L1")
-    pool.follow()
-    assert pool.snapshot().nearest_non_robot(2.0, 2.0) == (0.0, 2.0, 2.0, "T1")
-    assert pool.snapshot().nearest_non_robot(8.0, 8.0) == (0.0, 8.0, 8.0, "S1")
-
-
 def test_an_empty_floor_has_no_obstacles_and_a_wall_far_away_is_found() -> None:
     empty = Building("plain", {"L1": FloorMap(Floor("L1", 1, 0.0))})
     pool = Place(empty).pool()

@@ -6,8 +6,6 @@ import threading
 
 import msgpack
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robocorba.errors.robots import InvalidPlan, StalePlan, UnknownPlan
 from robocorba.robot.data_pool import plans as limits
@@ -83,18 +81,6 @@ def test_number_and_size_of_plans_are_limited() -> None:
         assert plans.put("p0", blob(MAX_CONTENT), 1) == 2
         plans.remove("p1")
         assert plans.put("one more", CONTENT) == 1
-
-
-@given(st.binary(max_size=50))
-def test_any_bytes_are_stored_or_refused(content: bytes) -> None:
-    plans = Plans()
-    try:
-        plans.put("p", content)
-    except InvalidPlan as invalid:
-        assert invalid.field == "content"
-        assert plans.all() == []
-    else:
-        assert plans.get("p").content == content
 
 
 def test_one_of_several_concurrent_writers_wins() -> None:

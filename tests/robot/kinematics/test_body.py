@@ -10,28 +10,9 @@ import pytest
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.pose import HandPose
-from robocorba.robot.kinematics.smartpal import ARM, GRIP, HEIGHT_M, LUMBAR, Side
+from robocorba.robot.kinematics.smartpal import ARM, HEIGHT_M, LUMBAR, Side
 
 from .postures import HOME, anywhere, at
-
-
-def test_the_longest_reach_is_that_of_the_robot(body: SmartPalBody) -> None:
-    shoulder = (-0.025, 0.2, 1.1265)
-    postures = np.vstack([anywhere(2000, 1), at(left_1=40)])
-    postures[:, LUMBAR] = 0
-    reach = max(math.dist(body.hand(Side.LEFT, joints)[:3], shoulder) for joints in postures)
-    assert reach == pytest.approx(0.70, abs=0.01)
-
-
-def test_equal_angles_give_mirror_images(body: SmartPalBody) -> None:
-    for joints in anywhere(200, 2):
-        joints[ARM[Side.RIGHT]], joints[GRIP[Side.RIGHT]] = joints[ARM[Side.LEFT]], joints[GRIP[Side.LEFT]]
-        left, right = (body.hand(side, joints) for side in Side)
-        assert right.distance(left.mirrored()) == pytest.approx((0, 0), abs=1e-9)
-        links = body.links(joints)
-        for name, (position, _) in links.items():
-            if name.startswith("left_"):
-                assert links[name.replace("left_", "right_")][0] == pytest.approx(position * (1, -1, 1), abs=1e-9)
 
 
 def test_hands_against_a_product_of_matrices(body: SmartPalBody) -> None:

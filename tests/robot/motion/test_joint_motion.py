@@ -113,15 +113,6 @@ def test_fingers_stop_at_an_object_and_press_on_it() -> None:
     assert pressing == pytest.approx(20.0, abs=1.0)
 
 
-def test_fingers_without_an_object_close() -> None:
-    begin, end = np.zeros(18), np.zeros(18)
-    finger = GRIP[Side.RIGHT]
-    begin[finger], end[finger] = -0.8, SHUT_RAD
-    arms = Arms(begin)
-    arms.run(GripMotion(np.array([begin, end]), JOINTS, JOINT_SPEED, JOINT_ACCELERATION, [finger], 5.0))
-    assert arms.servo.joints[finger] == pytest.approx(SHUT_RAD, abs=0.02)
-
-
 def test_a_servo_stands_when_commands_end() -> None:
     servo = VirtualController(np.zeros(18), JOINT_LOWER, JOINT_UPPER, JOINT_SPEED, JOINT_ACCELERATION)
     servo.command(np.full(18, 0.5), np.full(18, 0.3), 0.1)

@@ -18,7 +18,7 @@ from robocorba.planning.request import Place
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.programs.checker import Start, check
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
-from robocorba.robot.programs.icons import ICONS, Destination, HandOver, Result, Wait, kind
+from robocorba.robot.programs.icons import Destination, HandOver, Result, Wait, kind
 from robocorba.robot.programs.program import (
     MAX_BYTES,
     MAX_ICONS,
@@ -203,12 +203,6 @@ def test_fetch_has_what_the_same_program_on_two_robots_shall_show() -> None:
 
 
 # ---- in Python ----
-
-
-def test_the_builder_has_a_method_for_each_icon() -> None:
-    builder = ProgramBuilder("a")
-    assert set(ICONS) <= set(dir(builder))
-    assert not hasattr(builder, "fly")
 
 
 @pytest.mark.parametrize(

@@ -106,14 +106,6 @@ def test_a_setpoint_reaches_its_target_within_its_limits(
     assert (setpoint.position, setpoint.speed) == (target, 0.0)
 
 
-def test_a_setpoint_stops_within_its_braking_distance() -> None:
-    setpoint = Setpoint(0.0, 1.0)
-    for _ in range(round(0.5 / STEP_S)):
-        setpoint.step_at_velocity(0.0, 2.0)
-    assert setpoint.speed == 0.0
-    assert abs(setpoint.position - 0.25) < 0.002
-
-
 def test_time_passes_until_it_is_closed_and_outlives_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     passed: list[float] = []
 

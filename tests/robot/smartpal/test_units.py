@@ -278,19 +278,23 @@ def test_a_fault_may_leave_the_servo_off_and_switches_none_on(restores_servo: bo
 
 
 @pytest.mark.parametrize("unlocks", [True, False])
-def test_power_off_and_on_may_unlock_it(unlocks: bool) -> None:
+def test_the_emergency_switch_locks_it_and_power_off_and_on_may_unlock_it(unlocks: bool) -> None:
     """As a client does that clears alarms and switches power and servo, but knows no `unlock`."""
     robot = ready(policy=UnitPolicy(unlocks_by_power=unlocks))
     base = robot.mobility
     robot.faults.emergency_switch(True)
+    assert {unit.state.name for unit in robot.units.values()} == {"LOCKED"}
+    assert (base.unlock(), base.clear_alarms()) == (WRONG, ReturnCode.FAILED)
     assert (base.power_off(), base.power_on()) == (OK, WRONG)
     robot.faults.emergency_switch(False)
+    assert robot.lumbar.state.name == "ALARM"
     assert base.clear_alarms() is OK
     assert base.mobility_state is MobilityState.LOCKED
     assert base.power_off() is OK
     assert (base.power_on(), base.servo_on()) == ((OK, OK) if unlocks else (WRONG, WRONG))
     run(robot, 0.4)
     assert base.mobility_state is (MobilityState.READY if unlocks else MobilityState.LOCKED)
+    assert base.unlock() is (WRONG if unlocks else OK)
 
 
 @pytest.mark.parametrize(("slack", "answer"), [(1e-7, OK), (0.0, RANGE)])
@@ -300,19 +304,6 @@ def test_limits_have_the_slack_of_rounding(slack: float, answer: ReturnCode) -> 
     assert base.set_velocity(1000.00001, 100.0000001) is answer
     assert base.set_acceleration(1000.00001, 100.0000001) is answer
     assert base.set_velocity(1000.1, 100.0) is RANGE
-
-
-def test_the_emergency_switch_locks_it() -> None:
-    robot = ready()
-    base = robot.mobility
-    robot.faults.emergency_switch(True)
-    assert {unit.state.name for unit in robot.units.values()} == {"LOCKED"}
-    assert (base.unlock(), base.clear_alarms()) == (WRONG, ReturnCode.FAILED)
-    robot.faults.emergency_switch(False)
-    assert base.mobility_state is MobilityState.LOCKED
-    assert robot.lumbar.state.name == "ALARM"
-    assert (base.unlock(), base.clear_alarms()) == (OK, OK)
-    assert base.mobility_state is MobilityState.POWERED
 
 
 def test_a_base_that_is_held_fast_is_stuck_and_does_not_leap_when_it_is_free() -> None:
@@ -472,13 +463,6 @@ def test_a_line_jog_moves_the_control_point_straight(side: Side) -> None:
     assert moved[0] == pytest.approx(50.0, abs=4.0)
     assert np.abs(moved[1:6]).max() < 1.0
     assert moved[6] == pytest.approx(8.0, abs=1.5)
-
-
-def test_redundancy_mirrors() -> None:
-    joints = [20.0, -30.0, 15.0, 60.0, 10.0, 5.0, -5.0]
-    left, right = (ready().arms[side].control_point(joints) for side in Side)
-    assert left[6] == pytest.approx(right[6], abs=1e-6)
-    assert left[:2] == pytest.approx([right[0], -right[1]], abs=1e-6)
 
 
 # ---- lumbar and grippers ----
