@@ -218,8 +218,6 @@ def test_a_robot_that_loses_its_ride_while_it_leaves_blocks_nothing(
     place.ride(elevator, low, high)
 
 
-# ---- where a robot waits ----
-
 CLEAR_M, PASSING_M = RADIUS_M + DOOR_GAP_M, RADIUS_M + PASSING_GAP_M
 LARGE = shapely.box(-1.6, -1.6, 1.6, 1.6)
 

@@ -25,13 +25,6 @@ from tests.robot.places import Channel, InProcessSession, Place, eventually, rob
 pytestmark = pytest.mark.slow
 
 
-@pytest.fixture
-def session(place: Place, request: pytest.FixtureRequest) -> Iterator[InProcessSession]:
-    session = place.session("A", getattr(request, "param", Pose("L1", 7.0, 2.0)))
-    yield session
-    session.log_off()
-
-
 def at(x: float, y: float, heading: float) -> pytest.MarkDecorator:
     """Where the robot begins."""
     return pytest.mark.parametrize("session", [Pose("L1", x, y, heading)], indirect=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,33 +15,16 @@ from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.sensing import SensorBehind, UnknownSensor
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.motion.robot_state import RobotState
-from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, nearest_m, program_ranges_m, usual_sensors
+from robocorba.robot.senses import RangeSensor, nearest_m, program_ranges_m, usual_sensors
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import RAY_SENSORS, Mount, ScanSpec
-from tests.robot.places import InProcessSession, Place
+from tests.robot.places import InProcessSession, Measured, Place
 from tests.robot.stepped_robot import Session, World
 from tests.simulation.places import tower
 
 RING = RAY_SENSORS["proximity"].rays
-
-
-class Measured(Senses):
-    """Sensors with distances from the test."""
-
-    def __init__(self, *measured: tuple[RangeSensor, Floats]) -> None:
-        self._measured = {sensor.name: (sensor, distances) for sensor, distances in measured}
-
-    @property
-    def sensors(self) -> Sequence[RangeSensor]:
-        return [sensor for sensor, _ in self._measured.values()]
-
-    def ranges(self, name: str) -> Ranges:
-        return Ranges(1.0, self._measured[self.sensor(name).name][1])
-
-    def readings(self) -> Sequence[Reading]:
-        return []
 
 
 def test_the_papers_ring_has_a_ray_for_each_name() -> None:

@@ -8,6 +8,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.model import BoxShape, Building, MapObject, PolygonShape, SegmentShape, Wall
 from robocorba.map_editor.spatial.floor_update import FloorUpdate
 from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.motion.robot_state import Velocity
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
@@ -42,6 +43,16 @@ class Place:
 
     def pool(self, floor: str = "L1", own_name: str = "") -> DataPool:
         return DataPool(self.changes, self.map_of, floor, own_name, self.clock)
+
+    def loaded_pool(self, floor: str = "L1", own_name: str = "") -> DataPool:
+        pool = self.pool(floor, own_name)
+        pool.follow()
+        return pool
+
+    def drive(self, robot: str, seconds: float, velocity: Velocity = (0.3, 0.0, 0.0)) -> None:
+        """A command for a second of which some time passes."""
+        self.world.occupants.robots[robot].command(*velocity, 1.0)
+        self.run(seconds)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP_S)):

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import threading
+import contextlib
+from concurrent.futures import ThreadPoolExecutor
 
 import msgpack
 import pytest
@@ -84,20 +85,14 @@ def test_number_and_size_of_plans_are_limited() -> None:
 
 
 def test_one_of_several_concurrent_writers_wins() -> None:
-    plans = Plans()
-    won: list[int] = []
+    plans, won = Plans(), list[int]()
 
     def write(number: int) -> None:
         for version in range(50):
-            try:
+            with contextlib.suppress(StalePlan):
                 plans.put("p", msgpack.packb(number), version)
                 won.append(version)
-            except StalePlan:
-                continue
 
-    threads = [threading.Thread(target=write, args=(number,)) for number in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60.0)
+    with ThreadPoolExecutor() as threads:
+        list(threads.map(write, range(4)))
     assert sorted(won) == list(range(plans.get("p").version))

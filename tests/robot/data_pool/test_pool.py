@@ -24,6 +24,7 @@ from robocorba.map_editor.model import MapObject, Wall
 from robocorba.map_editor.spatial.floor_update import WHOLE, Body, FloorView
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.data_pool.snapshot import MAX_UPDATES
 from robocorba.simulation.building import SimulatedBuilding
 from tests.robot.data_pool.places import Place, furnished, populated, same
 from tests.simulation.places import robot
@@ -37,8 +38,7 @@ def test_a_floor_is_loaded_and_followed() -> None:
     assert same(pool, place)
     first = pool.snapshot()
     assert (first.floor, pool.problem, pool.lag_s) == ("L1", "", 0.0)
-    place.world.occupants.robots["A"].command(0.5, 0.0, 0.2, 1.0)
-    place.run(0.5)
+    place.drive("A", 0.5, (0.5, 0.0, 0.2))
     pool.follow()
     assert same(pool, place)
     before, now = first.robot("A"), pool.snapshot().robot("A")
@@ -50,8 +50,7 @@ def test_a_floor_is_loaded_and_followed() -> None:
 
 def test_robots_and_objects_by_name() -> None:
     place = populated("A")
-    pool = place.pool()
-    pool.follow()
+    pool = place.loaded_pool()
     assert {item.name: item.is_movable for item in pool.snapshot().objects()} == {"S1": False, "T1": True}
     assert [item.name for item in pool.snapshot().objects("T*")] == ["T1"]
     assert pool.snapshot().objects("t?") == []
@@ -71,14 +70,12 @@ def test_robots_and_objects_by_name() -> None:
 
 def test_an_unknown_floor_is_refused() -> None:
     place = Place()
-    pool = place.pool()
-    pool.follow()
+    pool = place.loaded_pool()
     before = pool.snapshot()
     with pytest.raises(UnknownFloor, match="L9"):
         pool.change_floor("L9")
     assert pool.snapshot() is before
-    nowhere = place.pool("L9")
-    nowhere.follow()
+    nowhere = place.loaded_pool("L9")
     assert "L9" in nowhere.problem
     assert nowhere.lag_s == math.inf
 
@@ -90,9 +87,6 @@ def test_the_floor_changes_during_a_request() -> None:
     pool.follow()
     assert pool.floor == "L2"
     assert same(pool, place)
-
-
-# ---- a source that does not answer ----
 
 
 def test_the_lag_grows_while_the_source_does_not_answer() -> None:
@@ -139,22 +133,9 @@ def test_the_floor_can_change_while_source_or_map_do_not_answer() -> None:
         assert pool.change_floor(floor)
 
 
-def test_another_process_serves_another_building() -> None:
-    place = populated("A")
-    pool = place.pool()
-    pool.follow()
-    place.world = SimulatedBuilding(furnished())  # other numbers for all bodies
-    place.world.add(robot("B"))
-    place.world.refresh()
-    place.start_again()
-    pool.follow()
-    assert same(pool, place)
-
-
 def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
     place = populated("A")
-    pool = place.pool()
-    pool.follow()
+    pool = place.loaded_pool()
     before, right = pool.snapshot(), place.database
     for change in (
         lambda _: right.floor("L1")._replace(came=[]),  # of bodies that nobody knows
@@ -169,21 +150,16 @@ def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
         assert pool.snapshot() is before
         assert "begins at" in pool.problem
         place.database = right
-        place.world.occupants.robots["A"].command(0.2, 0.0, 0.0, 1.0)
-        place.run(0.1)
+        place.drive("A", 0.1, (0.2, 0.0, 0.0))
         pool.follow()
         assert pool.problem == ""
         assert same(pool, place)
         before = pool.snapshot()
 
 
-# ---- the map ----
-
-
 def test_edits_of_this_floor_are_followed() -> None:
     place = Place()
-    pool = place.pool()
-    pool.follow()
+    pool = place.loaded_pool()
     near = pool.snapshot().nearest_non_robot(7.0, 3.0)
     assert near and near.name != "W9"
     walls = pool.snapshot().walls
@@ -203,9 +179,6 @@ def test_edits_of_this_floor_are_followed() -> None:
     place.is_editor_away = True
     with pytest.raises(NotReachable):
         pool.follow_map()
-
-
-# ---- one floor only ----
 
 
 def crowded(count: int) -> tuple[Place, DataPool]:
@@ -285,7 +258,53 @@ def test_readers_never_see_two_floors_at_once() -> None:
     assert same(pool, place)
 
 
-# ---- any events ----
+def test_only_what_moved_is_sent() -> None:
+    place = populated("A", "B")
+    pool = place.loaded_pool()
+    before = pool.snapshot()
+    place.drive("B", 0.1)
+    pool.follow()
+    update = pool.snapshot().changes(before.version)
+    assert update.motions["number"].tolist() == [place.world.occupants.robots["B"].number]
+    assert (update.came, update.went, update.elevators) == ([], [], {})
+    now = pool.snapshot()
+    nothing = now.changes(now.version)
+    assert (nothing.since, nothing.version, len(nothing.motions)) == (now.version, now.version, 0)
+    assert nothing.time == now.time > before.time
+    assert before.changes(before.version).time == before.time  # a snapshot stays as it was
+
+
+def test_an_unknown_version_gets_the_whole_floor() -> None:
+    place = populated("A")
+    pool = place.pool()
+    assert pool.snapshot().changes(5).version == WHOLE  # nothing is loaded yet
+    pool.follow()
+    now = pool.snapshot()
+    for version in (1, now.version - 1, now.version + 1):
+        assert now.changes(version).since == WHOLE
+    place.start_again()
+    pool.follow()  # the database does not know the pool's version
+    assert pool.snapshot().changes(now.version).since == WHOLE
+    place.drive("A", 0.1)
+    pool.follow()
+    now = pool.snapshot()
+    pool.change_floor("L2")
+    update = pool.snapshot().changes(now.version)
+    assert (update.floor, update.since) == ("L2", WHOLE)
+
+
+def test_memory_of_updates_is_bounded() -> None:
+    place = populated("A")
+    pool = place.loaded_pool()
+    first = pool.snapshot().version
+    for _ in range(MAX_UPDATES + 10):
+        place.drive("A", 0.02, (0.1, 0.0, 0.0))
+        pool.follow()
+    now = pool.snapshot()
+    assert len(now.recent) == MAX_UPDATES
+    assert now.changes(first).since == WHOLE
+    assert now.changes(now.recent[0].since).since == now.recent[0].since
+
 
 acts = st.lists(
     st.tuples(
@@ -343,6 +362,9 @@ def test_pool_and_readers_equal_the_database_after_any_events(acts: list[tuple[s
         elif act in ("away", "back"):
             place.is_away = place.is_editor_away = act == "away"
         elif act == "restart":
+            if number == 3:  # another building, with other numbers for all bodies
+                world = place.world = SimulatedBuilding(furnished())
+                world.refresh()
             place.start_again()
         elif act == "follow":
             pool.follow()

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.appearance import PAINTS, Part, Shape, parts
@@ -24,7 +24,7 @@ from robocorba.robot.kinematics.model import (
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import HEIGHT_M, JOINTS, Side
 
-from .postures import HOME, anywhere
+from .postures import HOME, anywhere, shift, turn
 
 
 def outline(part: Part) -> Floats:
@@ -100,38 +100,17 @@ def test_the_tree_moves_links_and_mounts_as_the_model_does(body: SmartPalBody) -
     for joints in anywhere(20, 5):
         frames: dict[str, Floats] = {"": np.eye(4)}
         for link in tree["links"]:
-            frame = frames[link["parent"]] @ _shift(link["at"])
+            frame = frames[link["parent"]] @ shift(*link["at"])
             for joint in link["joints"]:
-                turn = _turn(joint["axis"], joints[joint["number"]])
-                frame = frame @ _shift(joint["at"]) @ turn @ _shift(-np.array(joint["at"]))
+                turned = turn(np.array(joint["axis"]), joints[joint["number"]])
+                frame = frame @ shift(*joint["at"]) @ turned @ shift(*-np.array(joint["at"]))
             frames[link["name"]] = frame
         for mount in tree["mounts"]:
             if mount["name"].endswith("_hand"):
-                own = _shift(mount["at"])
-                own[:3, :3] = _of_quaternion(mount["attitude"])
+                own = shift(*mount["at"])
+                own[:3, :3] = Rotation.from_quat(np.roll(mount["attitude"], -1)).as_matrix()
                 found = frames[mount["link"]] @ own
                 hand = body.hand(Side(mount["name"].partition("_")[0]), joints)
                 assert found[:3, 3] == pytest.approx(hand.position, abs=1e-9)
                 assert found[:3, :3] == pytest.approx(hand.rotation, abs=1e-6)
     assert tree["joints"] == JOINTS
-
-
-def _shift(at: Sequence[float] | Floats) -> Floats:
-    frame = np.eye(4)
-    frame[:3, 3] = np.asarray(at)
-    return frame
-
-
-def _turn(axis: Sequence[float], angle: float) -> Floats:
-    x, y, z = np.array(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    frame = np.eye(4)
-    frame[:3, :3] += math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return frame
-
-
-def _of_quaternion(attitude: tuple[float, float, float, float]) -> Floats:
-    w, x, y, z = attitude
-    angle = 2 * math.atan2(math.hypot(x, y, z), w)
-    length = math.hypot(x, y, z) or 1.0
-    return _turn((x / length, y / length, z / length), angle)[:3, :3]

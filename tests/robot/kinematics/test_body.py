@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from robocorba.map_editor.spatial.arrays import Floats
@@ -12,7 +11,7 @@ from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import ARM, HEIGHT_M, LUMBAR, Side
 
-from .postures import HOME, anywhere, at
+from .postures import HOME, X, Y, Z, anywhere, at, shift, turn
 
 
 def test_hands_against_a_product_of_matrices(body: SmartPalBody) -> None:
@@ -82,23 +81,10 @@ def by_matrices(side: Side, joints: Floats) -> HandPose:
     one, two, three, four, five, six, seven = joints[ARM[side]]
     lower, upper = joints[LUMBAR]
     whole = (
-        shift(0, 0, 0.38) @ turn("y", lower) @ shift(0, 0, 0.37) @ turn("y", upper)
-        @ shift(-0.025, left * 0.2, 1.1265 - 0.75) @ turn("y", -one) @ turn("x", -left * two) @ turn("z", -left * three)
-        @ shift(-0.02, 0, -0.25) @ turn("y", -four) @ shift(0.02, 0, 0) @ turn("z", -left * five)
-        @ shift(0, 0, -0.28) @ turn("y", -six) @ turn("x", left * seven) @ shift(0, 0, -0.056 - 0.11)
-        @ turn("y", math.pi / 2)
+        shift(0, 0, 0.38) @ turn(Y, lower) @ shift(0, 0, 0.37) @ turn(Y, upper)
+        @ shift(-0.025, left * 0.2, 1.1265 - 0.75) @ turn(Y, -one) @ turn(X, -left * two) @ turn(Z, -left * three)
+        @ shift(-0.02, 0, -0.25) @ turn(Y, -four) @ shift(0.02, 0, 0) @ turn(Z, -left * five)
+        @ shift(0, 0, -0.28) @ turn(Y, -six) @ turn(X, left * seven) @ shift(0, 0, -0.056 - 0.11)
+        @ turn(Y, math.pi / 2)
     )  # fmt: skip
     return HandPose.of(whole[:3, 3], whole[:3, :3])
-
-
-def turn(axis: str, angle: float) -> Floats:
-    matrix, (one, other) = np.eye(4), {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    matrix[one, one] = matrix[other, other] = math.cos(angle)
-    matrix[one, other], matrix[other, one] = -math.sin(angle), math.sin(angle)
-    return matrix
-
-
-def shift(x: float, y: float, z: float) -> Floats:
-    matrix = np.eye(4)
-    matrix[:3, 3] = x, y, z
-    return matrix

@@ -81,9 +81,6 @@ def test_links_collide_as_those_of_mujoco(body: SmartPalBody, model: mujoco.MjMo
     assert sum(map(bool, counts)) > 100
 
 
-# ---- the URDF ----
-
-
 @pytest.mark.parametrize("base", [(3.0, -2.0, 2.5), (-1.0, 4.0, -math.pi)])
 def test_links_are_in_the_frame_of_the_building(body: SmartPalBody, base: tuple[float, float, float]) -> None:
     for joints in anywhere(20, 8):

@@ -90,9 +90,6 @@ def notes(report: CheckReport) -> list[str]:
     return [note.icon for note in report.notes if note.icon]
 
 
-# ---- what can't be ----
-
-
 @pytest.mark.parametrize(
     ("icons", "parameter", "what"),
     [
@@ -126,9 +123,6 @@ def test_a_robot_that_can_not(icons: tuple[Icon, ...], parameter: str, what: str
     with pytest.raises(InvalidProgram) as refused:
         report.require_valid()
     assert (refused.value.icon, refused.value.parameter) == (f"icons[0].then[{len(icons)}]", parameter)
-
-
-# ---- what is known ----
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def test_the_base_stands_within_100_ms_from_0_45_m_s(direction: float) -> None:
     assert speed(robot) < 0.005
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.floats(-5, 5), st.floats(-5, 5), st.floats(0.05, 2), st.floats(0.1, 10), st.floats(-1, 1))
 def test_a_setpoint_reaches_its_target_within_its_limits(
     at: float, target: float, most: float, acceleration: float, speed: float
