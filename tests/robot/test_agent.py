@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -20,6 +21,7 @@ from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
+from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -134,7 +136,9 @@ def shows(agent: ControlAgent, kind: DisplayKind, text: str) -> None:
     eventually(lambda: agent.display[:2] == (kind, text), f"{text}, not {agent.display.text}")
 
 
-def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: ControlAgent) -> None:
+def test_the_touch_panel_shows_what_the_robot_does_and_since_when(
+    agent: ControlAgent, session: InProcessSession, place: Place
+) -> None:
     waiting = DisplayKind.WAITING
     shows(agent, waiting, "waiting for an order")
     eventually(lambda: agent.display.seconds > 0.3, "it shows that for a while")
@@ -151,16 +155,11 @@ def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: Control
     eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "its end")
     agent.reset_stop()
     shows(agent, waiting, "waiting for an order")
-
-
-def test_a_robot_whose_world_stands_waits_and_a_lost_one_is_exceptional(
-    agent: ControlAgent, session: InProcessSession, place: Place
-) -> None:
     agent.load(LONG)
     agent.run()
     shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
     place.agent.configure(is_paused=True)
-    shows(agent, DisplayKind.WAITING, "waiting for the simulation server, whose time stands")
+    shows(agent, waiting, "waiting for the simulation server, whose time stands")
     place.agent.configure(is_paused=False)
     shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
     session.is_away = True
@@ -280,21 +279,7 @@ def test_without_an_adaptor_that_starts_it_is_stopped_until_a_reset(
     agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("robocorba.robot.session.GIVING_BACK_S", 0.1)
-    make, is_refused = model_switcher.make, True
-
-    def refusing(name: str, context: AdaptorContext) -> Any:
-        made = make(name, context)
-        start = made.start
-
-        def try_to_start(argv: Sequence[str]) -> bool:
-            if is_refused:
-                raise AdaptorFailed("its motors have no power")
-            return start(argv)
-
-        monkeypatch.setattr(made, "start", try_to_start)
-        return made
-
-    monkeypatch.setattr(model_switcher, "make", refusing)
+    monkeypatch.setattr(SimulatedAdaptor, "start", MagicMock(side_effect=AdaptorFailed("its motors have no power")))
     with pytest.raises(AdaptorFailed, match="no power"):
         agent.switch("simulated", ())
     assert agent.state.condition is AgentCondition.STOPPED and not agent.is_free
@@ -302,6 +287,6 @@ def test_without_an_adaptor_that_starts_it_is_stopped_until_a_reset(
     with pytest.raises(AdaptorFailed, match="no power"):
         agent.reset_stop()
     assert agent.state.condition is AgentCondition.STOPPED
-    is_refused = False
+    monkeypatch.undo()
     agent.reset_stop()
     run(agent, SHORT)

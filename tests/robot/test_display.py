@@ -89,6 +89,7 @@ def test_what_a_robot_of_0_1_0_shows_follows_from_its_state() -> None:
 def test_a_program_waits_for_what_it_has_begun_to_wait_for_last(steps: list[str | None]) -> None:
     """Waits begin with a text, which is empty while they are none, and end with None, the last one first."""
     execution = ExecutionControl(lambda error: None, lambda is_held: None)
+    assert not execution.answer(0, True)  # nothing is asked
     waits: list[tuple[contextlib.ExitStack, str]] = []
     for step in steps:
         if step is None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -193,7 +194,17 @@ def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
         works(high)
 
 
-def test_a_stop_during_a_reset_stays(high: HighController, adaptor: Watched) -> None:
+def test_a_stop_during_a_reset_stays_and_so_does_one_that_the_server_does_not_end(
+    high: HighController, adaptor: Watched
+) -> None:
+    def refuse(number: int) -> None:
+        raise RobotLost("the server does not answer")
+
+    high.emergency_stop("button")
+    with pytest.raises(RobotLost):
+        high.reset_stop(end=refuse)
+    assert high.stopped == "button" and high.is_stop_confirmed
+    high.reset_stop()
     for where in ("before_start", "before_read"):
         high.emergency_stop("first")
         setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
@@ -214,12 +225,8 @@ def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighCo
 
 
 def test_what_ends_a_motion(high: HighController) -> None:
-    class Wrong:
-        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
-            raise ZeroDivisionError("of its own")
-
     with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
-        high.move(Wrong())
+        high.move(MagicMock(**{"command.side_effect": ZeroDivisionError("of its own")}))
     moving = driving(high)
     with pytest.raises(IllegalOrder, match="is moving"):
         works(high)

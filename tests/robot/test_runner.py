@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -77,11 +78,7 @@ def test_who_calls_from_within_the_cabin_need_not_see_the_doors_open_for_it(tmp_
 @at(6.5, 8.0, 0.0)
 def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """The robot would drive on without it."""
-
-    def fail(sensor: str) -> float:
-        raise ValueError("a fault")
-
-    monkeypatch.setattr(smartpal, "nearest_m", fail)
+    monkeypatch.setattr(smartpal, "nearest_m", MagicMock(side_effect=ValueError("a fault")))
     builder = ProgramBuilder("stop")
     with builder.stop_if_closer("front", 0.3):
         builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)
@@ -92,15 +89,8 @@ def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeyp
 
 def test_a_condition_waits_for_a_sensor_server_that_restarts(smartpal: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not for a sensor that the robot does not have."""
-    answers: list[Exception | float] = [ServerAway("away"), ServerAway("away"), 0.5, 0.5]
-
-    def ask(sensor: str) -> float:
-        answer = answers.pop(0) if answers else UnknownSensor(sensor, ())
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    monkeypatch.setattr(smartpal, "nearest_m", ask)
+    answers = [ServerAway("away"), ServerAway("away"), 0.5, 0.5, UnknownSensor("back", ())]
+    monkeypatch.setattr(smartpal, "nearest_m", MagicMock(side_effect=answers))
     builder = ProgramBuilder("look").wait_until(icons.CloserThan("front", 0.6), 10.0)
     with builder.branch(icons.FartherThan("front", 0.5)):
         builder.wait_until(icons.CloserThan("back", 0.6), 10.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from hypothesis import strategies as st
 
 from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.sensing import SensorBehind, UnknownSensor
-from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.senses import RangeSensor, nearest_m, program_ranges_m, usual_sensors
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
@@ -89,11 +89,7 @@ def test_a_virtual_robot_senses_its_place_in_the_building(place: Place, monkeypa
     assert len(senses.ranges("laser").distances) == 181
     with pytest.raises(UnknownSensor, match="known are laser, proximity"):
         senses.ranges("sonar")
-
-    def behind(*_: object) -> Floats:
-        raise SensorBehind(2.0, 1.0)
-
-    monkeypatch.setattr(session, "scan", behind)
+    monkeypatch.setattr(session, "scan", MagicMock(side_effect=SensorBehind(2.0, 1.0)))
     with pytest.raises(AdaptorFailed, match="floor data is 2"):
         senses.ranges("laser")
     session.log_off()

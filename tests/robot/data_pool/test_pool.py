@@ -11,6 +11,7 @@ import types
 import weakref
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
+from unittest.mock import MagicMock
 
 import hypothesis
 import numpy as np
@@ -141,11 +142,8 @@ def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
         lambda _: right.floor("L1")._replace(came=[]),  # of bodies that nobody knows
         lambda update: update._replace(since=update.since - 1),
     ):
-
-        def changes(floor: str, since: int, change: Any = change) -> Any:
-            return change(right.changes(floor, since))
-
-        place.database = types.SimpleNamespace(changes=changes)  # type: ignore[assignment]
+        wrong = change(right.changes("L1", before.version))
+        place.database = MagicMock(**{"changes.return_value": wrong})
         pool.follow()
         assert pool.snapshot() is before
         assert "begins at" in pool.problem

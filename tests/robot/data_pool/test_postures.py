@@ -42,16 +42,12 @@ def source() -> Source:
     return Source()
 
 
-def test_readers_share_what_was_read(source: Source) -> None:
+def test_readers_share_what_was_read_of_the_floor_that_the_robot_is_on(source: Source) -> None:
     assert (source.names(), source.names(1.0), source.names(2.0)) == (["A", "B"], ["B"], [])
     assert source.calls == 1
     source.known["L1"] = [Posture("A", 4.0, (0.3,))]
     source.clock.now += KEPT_S
     assert (source.names(), source.calls) == (["A"], 2)
-
-
-def test_postures_are_those_of_the_floor_that_the_robot_is_on(source: Source) -> None:
-    source.names()
     source.floor = "L2"
     assert source.names() == ["C"]
     source.floor = "roof"

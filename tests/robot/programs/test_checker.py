@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from robocorba.errors.robots import InvalidProgram
 from robocorba.map_editor.samples import load_sample
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import Path, PathRequest, Place
+from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.programs.checker import MAX_ICONS_CHECKED, Start, check
@@ -265,13 +266,10 @@ def test_a_robot_that_touches_an_object_may_leave_it(checking: Checking) -> None
     assert wrong(checking(MbasePath("L1", 17, 6), start=moved_to(17, 3.2))) == [("icons[0]", "")]
 
 
-class _NoWay:
-    def paths(self, request: PathRequest) -> list[Path]:
-        raise NoPath("nothing leads there")
-
-
 def test_a_planner_that_finds_no_way() -> None:
-    report = check(program(MbasePath("L1", 1, 1), MbasePath("L1", 2, 2)), None, _NoWay(), LOBBY)
+    planner = MagicMock()
+    planner.paths.side_effect = NoPath("nothing leads there")
+    report = check(program(MbasePath("L1", 1, 1), MbasePath("L1", 2, 2)), None, planner, LOBBY)
     assert wrong(report) == [("icons[0]", "x, y"), ("icons[1]", "x, y")]
     with pytest.raises(InvalidProgram, match=r"icons\[0\].x, y: nothing leads there"):
         report.require_valid()

@@ -471,6 +471,8 @@ def test_a_line_jog_moves_the_control_point_straight(side: Side) -> None:
     assert moved[0] == pytest.approx(50.0, abs=4.0)
     assert np.abs(moved[1:6]).max() < 1.0
     assert moved[6] == pytest.approx(8.0, abs=1.5)
+    left, right = (robot.arms[each].control_point(BENT) for each in Side)
+    assert (left[1], left[6]) == pytest.approx((-right[1], right[6]), abs=1e-6)
 
 
 # ---- lumbar and grippers ----

@@ -20,6 +20,7 @@ from robocorba.robot.senses import nearest_m
 from robocorba.robot.smartpal_stand_in.codes import MobilityState, ReturnCode
 from robocorba.robot.smartpal_stand_in.segment import from_frame
 from robocorba.robot.smartpal_stand_in.world import PARTING_M, World
+from robocorba.simulation.sensing.scan import Noise
 from tests.robot.smartpal.robots import ready, run, until_stopped
 
 WALL = LineString([(-3.0, 2.0), (3.0, 2.0)])
@@ -102,3 +103,11 @@ def test_it_sees_where_it_is_whatever_its_odometry_says() -> None:
         hits = [ray.intersection(shape) for shape in (WALL, CHAIR)]
         expected = min((Point(-1.2, 1.3).distance(hit) for hit in hits if not hit.is_empty), default=8.0)
         assert measured == pytest.approx(expected, abs=1e-6)
+
+
+def test_distances_have_noise_and_drop_outs() -> None:
+    world = World([WALL], (0.0, 0.0, math.pi / 2), Noise(0.02, lost=0.2), seed=3)
+    ahead = np.array([world.ranges("laser").distances[90] for _ in range(500)])
+    seen = ahead[ahead < 8.0]
+    assert 350 < len(seen) < 450
+    assert (seen.mean(), seen.std()) == (pytest.approx(2.0, abs=0.01), pytest.approx(0.02, rel=0.2))
