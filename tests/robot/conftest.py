@@ -1,4 +1,4 @@
-"""A place for the robots of a module's tests."""
+"""A place for the robots of a module's tests, and one of them with its agent."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ from collections.abc import Iterator
 
 import pytest
 
+from robocorba.robot.agent import AgentCalls, ControlAgent
+from robocorba.robot.agent_state import AgentState
+from robocorba.robot.model_switcher import AdaptorContext
+from robocorba.robot.programs.program import Program
+from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.registry import Pose
-from tests.robot.places import InProcessSession, Place
+from tests.robot.places import Channel, InProcessSession, Place
 
 
 @pytest.fixture(scope="module")
@@ -24,3 +29,20 @@ def session(place: Place, request: pytest.FixtureRequest) -> Iterator[InProcessS
     yield session
     session.is_away = False
     session.log_off()
+
+
+def check(program: Program, state: AgentState) -> CheckReport:
+    report = CheckReport()
+    report.add_note("", f"checked from {state.at.floor}")
+    if program.name == "wrong":
+        report.add_finding("icons[0]", "ahead", "is wrong")
+    return report
+
+
+@pytest.fixture
+def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
+    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), calls=AgentCalls(check))
+    agent.start("simulated")
+    yield agent
+    session.is_away = False
+    agent.close()

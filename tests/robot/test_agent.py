@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -13,14 +13,13 @@ from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram,
 from robocorba.errors.sensing import UnknownSensor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.robot import model_switcher
-from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCalls, ControlAgent
-from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
+from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, ControlAgent
+from robocorba.robot.agent_state import AgentCondition, ProgramResult
 from robocorba.robot.display import DisplayKind
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
-from robocorba.robot.programs.report import CheckReport
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
@@ -29,23 +28,8 @@ pytestmark = pytest.mark.slow
 SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
 LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
 WRONG = ProgramBuilder("wrong").wait(1).program()
-
-
-def check(program: Program, state: AgentState) -> CheckReport:
-    report = CheckReport()
-    report.add_note("", f"checked from {state.at.floor}")
-    if program.name == "wrong":
-        report.add_finding("icons[0]", "ahead", "is wrong")
-    return report
-
-
-@pytest.fixture
-def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
-    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), calls=AgentCalls(check))
-    agent.start("simulated")
-    yield agent
-    session.is_away = False
-    agent.close()
+#: For which no order holds [s].
+WRONG_S = 0.0, 5.1, math.nan
 
 
 @pytest.fixture
@@ -94,7 +78,11 @@ def test_what_is_refused_says_why(agent: ControlAgent, place: Place) -> None:
         (agent.run, IllegalOrder, "has none loaded"),
         (agent.reset_stop, IllegalOrder, "was not stopped"),
         (lambda: agent.load(WRONG), InvalidProgram, r"icons\[0\]\.ahead: is wrong"),
-        (lambda: agent.cap_speed(float("nan")), InvalidChoice, "speed"),
+        (lambda: agent.cap_speed(math.nan), InvalidChoice, "speed"),
+        (lambda: agent.drive((math.nan, 0.0, 0.0), 0.5), InvalidChoice, r"wanted\.ahead"),
+        (lambda: agent.drive((0.0, math.inf, 0.0), 0.5), InvalidChoice, r"wanted\.left"),
+        (lambda: agent.drive((0.0, 0.0, -math.inf), 0.5), InvalidChoice, r"wanted\.turn"),
+        *((lambda valid_s=valid_s: agent.drive((0.0,) * 3, valid_s), InvalidChoice, "validFor") for valid_s in WRONG_S),
         (lambda: agent.switch("hovering", ()), UnknownAdaptor, "known are corba, simulated, smartpal"),
         (lambda: agent.switch("simulated", ("--x", "1")), AdaptorFailed, "takes no arguments, such as '--x'"),
         (never_started.run, IllegalOrder, "was never started"),
@@ -175,7 +163,7 @@ def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
     assert agent.stop_answer == (True, True, "fire")
     place.agent.evict("A")
-    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), calls=AgentCalls(check))
+    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel())
     later.start("simulated")
     assert later.stop_answer == (True, True, "fire")
     with pytest.raises(IllegalOrder, match="is stopped: fire"):
