@@ -194,7 +194,7 @@ def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
         works(high)
 
 
-def test_a_stop_during_a_reset_stays_and_so_does_one_that_the_server_does_not_end(
+def test_a_stop_or_loss_during_a_reset_stays_and_so_does_a_stop_that_no_server_ends(
     high: HighController, adaptor: Watched
 ) -> None:
     def refuse(number: int) -> None:
@@ -213,6 +213,11 @@ def test_a_stop_during_a_reset_stays_and_so_does_one_that_the_server_does_not_en
         assert not adaptor.disc.read(RobotState())
         high.reset_stop()
         works(high)
+    high.emergency_stop("button")
+    adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
+    with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
+        high.reset_stop()
+    eventually(lambda: high.stopped == "", "found again")
 
 
 def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:

@@ -51,7 +51,7 @@ def surface(body: SmartPalBody) -> dict[int, Floats]:
     return {number: outline(part) + found[part.link][0] for number, part in enumerate(parts())}
 
 
-def test_it_has_the_robot_s_height_and_fills_its_footprint(surface: dict[int, Floats]) -> None:
+def test_it_has_the_robot_s_height_footprint_and_two_arms_alike(surface: dict[int, Floats]) -> None:
     heights = np.concatenate([points[:, 2] for points in surface.values()])
     assert heights.max() == pytest.approx(HEIGHT_M, abs=0.01)
     assert -1e-9 <= heights.min() <= 0.01
@@ -59,6 +59,11 @@ def test_it_has_the_robot_s_height_and_fills_its_footprint(surface: dict[int, Fl
     assert base[:, 0].min() == pytest.approx(BASE_BACK_M, abs=0.01)
     assert base[:, 0].max() == pytest.approx(BASE_FRONT_M, abs=0.01)
     assert np.abs(base[:, 1]).max() == pytest.approx(BASE_HALF_WIDTH_M, abs=0.01)
+    left, right = (
+        np.vstack([points for n, points in surface.items() if parts()[n].link.startswith(side.value)]) for side in Side
+    )
+    assert left.min(axis=0)[[0, 2]] == pytest.approx(right.min(axis=0)[[0, 2]])
+    assert left[:, 1].max() == pytest.approx(-right[:, 1].min())
 
 
 def test_every_link_is_seen_and_every_paint_exists() -> None:
@@ -77,14 +82,6 @@ def test_there_is_something_dark_on_the_axis_of_every_joint() -> None:
             ]
             away = min(float(np.linalg.norm(np.cross(axis, offset))) for offset in offsets)
             assert away < 0.06, joint.name
-
-
-def test_both_arms_look_alike(surface: dict[int, Floats]) -> None:
-    left, right = (
-        np.vstack([points for n, points in surface.items() if parts()[n].link.startswith(side.value)]) for side in Side
-    )
-    assert left.min(axis=0)[[0, 2]] == pytest.approx(right.min(axis=0)[[0, 2]])
-    assert left[:, 1].max() == pytest.approx(-right[:, 1].min())
 
 
 def test_sensors_are_where_the_model_has_them(surface: dict[int, Floats]) -> None:
