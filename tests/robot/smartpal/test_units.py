@@ -228,6 +228,8 @@ def test_answers_while_it_moves() -> None:
 )
 def test_ways_end_where_they_shall(order: Callable[[Mobility], Any], place: tuple[float, float, float]) -> None:
     robot = ready()
+    assert robot.mobility.move_by(100.0, 50.0, 40.0) is OK
+    until_stopped(robot)
     assert robot.mobility.set_position(1000.0, 2000.0, 0.0) is OK
     assert order(robot.mobility) is OK
     until_stopped(robot)
