@@ -27,6 +27,7 @@ from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.icons import Icon
 from robocorba.robot.robot import Robot
 from robocorba.robot.runner import ReceivedEvent
+from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses
 from robocorba.robot.session import SessionState
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from robocorba.simulation.emergency_stops import EmergencyStops, StopAnswer, StopHold
@@ -172,6 +173,23 @@ class InProcessSession:
         if self._session is None:
             raise RobotLost("not logged on")
         return self._session
+
+
+class Measured(Senses):
+    """Sensors with distances from the test."""
+
+    def __init__(self, *measured: tuple[RangeSensor, Floats]) -> None:
+        self._measured = {sensor.name: (sensor, distances) for sensor, distances in measured}
+
+    @property
+    def sensors(self) -> Sequence[RangeSensor]:
+        return [sensor for sensor, _ in self._measured.values()]
+
+    def ranges(self, name: str) -> Ranges:
+        return Ranges(1.0, self._measured[self.sensor(name).name][1])
+
+    def readings(self) -> Sequence[Reading]:
+        return []
 
 
 class Channel:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -12,15 +13,14 @@ from robocorba.errors.robots import AdaptorFailed, IllegalOrder, InvalidProgram,
 from robocorba.errors.sensing import UnknownSensor
 from robocorba.errors.simulation import InvalidChoice
 from robocorba.robot import model_switcher
-from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, AgentCalls, ControlAgent
-from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
+from robocorba.robot.agent import BODY_BLOCKED_M, BODY_LOST_M, ControlAgent
+from robocorba.robot.agent_state import AgentCondition, ProgramResult
 from robocorba.robot.display import DisplayKind
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
-from robocorba.robot.programs.report import CheckReport
-from robocorba.simulation.emergency_stops import StopHold
+from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -28,28 +28,32 @@ pytestmark = pytest.mark.slow
 SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()
 LONG = ProgramBuilder("long").mbase_velocity(0.1, 0.0, 0.0, 60.0).program()
 WRONG = ProgramBuilder("wrong").wait(1).program()
+#: For which no order holds [s].
+WRONG_S = 0.0, 5.1, math.nan
 
 
 @pytest.fixture
-def session(place: Place) -> InProcessSession:
-    return place.session()
+def disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> ControlAgent:
+    """The agent with the robot of docs/adaptors.md; it begins so far away from its body [m]."""
+    make = model_switcher.make
 
+    def with_disc(name: str, context: AdaptorContext) -> object:
+        if name != "disc":
+            return make(name, context)
+        disc: Any = documented_adaptor()(context)
+        start = disc.start
 
-def check(program: Program, state: AgentState) -> CheckReport:
-    report = CheckReport()
-    report.add_note("", f"checked from {state.at.floor}")
-    if program.name == "wrong":
-        report.add_finding("icons[0]", "ahead", "is wrong")
-    return report
+        def start_away(argv: Sequence[str]) -> bool:
+            is_started = bool(start(argv))
+            disc._x -= getattr(request, "param", 0.0)
+            return is_started
 
+        disc.start = start_away
+        return disc
 
-@pytest.fixture
-def agent(place: Place, session: InProcessSession) -> Iterator[ControlAgent]:
-    agent = ControlAgent(AdaptorContext("A", session, None), place.planner, Channel(), calls=AgentCalls(check))
-    agent.start("simulated")
-    yield agent
-    session.is_away = False
-    agent.close()
+    monkeypatch.setattr(model_switcher, "make", with_disc)
+    agent.switch("disc", ())
+    return agent
 
 
 def run(agent: ControlAgent, program: Program, wanted: ProgramResult = ProgramResult.DONE) -> str:
@@ -74,7 +78,11 @@ def test_what_is_refused_says_why(agent: ControlAgent, place: Place) -> None:
         (agent.run, IllegalOrder, "has none loaded"),
         (agent.reset_stop, IllegalOrder, "was not stopped"),
         (lambda: agent.load(WRONG), InvalidProgram, r"icons\[0\]\.ahead: is wrong"),
-        (lambda: agent.cap_speed(float("nan")), InvalidChoice, "speed"),
+        (lambda: agent.cap_speed(math.nan), InvalidChoice, "speed"),
+        (lambda: agent.drive((math.nan, 0.0, 0.0), 0.5), InvalidChoice, r"wanted\.ahead"),
+        (lambda: agent.drive((0.0, math.inf, 0.0), 0.5), InvalidChoice, r"wanted\.left"),
+        (lambda: agent.drive((0.0, 0.0, -math.inf), 0.5), InvalidChoice, r"wanted\.turn"),
+        *((lambda valid_s=valid_s: agent.drive((0.0,) * 3, valid_s), InvalidChoice, "validFor") for valid_s in WRONG_S),
         (lambda: agent.switch("hovering", ()), UnknownAdaptor, "known are corba, simulated, smartpal"),
         (lambda: agent.switch("simulated", ("--x", "1")), AdaptorFailed, "takes no arguments, such as '--x'"),
         (never_started.run, IllegalOrder, "was never started"),
@@ -90,26 +98,21 @@ def test_what_is_refused_says_why(agent: ControlAgent, place: Place) -> None:
     run(agent, SHORT)
 
 
-def test_a_program_is_checked_while_another_one_runs(agent: ControlAgent) -> None:
-    agent.load(LONG)
-    agent.run()
-    report = agent.check(WRONG)
-    assert [str(finding) for finding in report.findings] == ["icons[0].ahead: is wrong"]
-    assert [note.what for note in report.notes] == ["checked from L1"]
-    assert agent.program is LONG and agent.state.condition is AgentCondition.RUNNING
-    for order in (agent.run, lambda: agent.load(SHORT), lambda: agent.switch("simulated", ())):
-        with pytest.raises(IllegalOrder, match="runs a program"):
-            order()
-
-
-def test_the_path_of_a_drive_is_there_while_it_lasts(agent: ControlAgent, session: InProcessSession) -> None:
+def test_while_one_drives_its_path_is_there_and_others_are_checked(
+    agent: ControlAgent, session: InProcessSession
+) -> None:
     assert not agent.path
     start = session.latest.at
     goal = start.x + 1.0, start.y
     agent.load(ProgramBuilder("drive").mbase_path("L1", *goal).program())
     agent.run()
     eventually(lambda: len(agent.path) > 1, "driving")
-    path = agent.path
+    report, path = agent.check(WRONG), agent.path
+    assert [str(finding) for finding in report.findings] == ["icons[0].ahead: is wrong"]
+    assert [note.what for note in report.notes] == ["checked from L1"]
+    for order in (agent.run, lambda: agent.load(SHORT), lambda: agent.switch("simulated", ())):
+        with pytest.raises(IllegalOrder, match="runs a program"):
+            order()
     assert (path[0].x, path[0].y) == pytest.approx((start.x, start.y), abs=1e-3)
     assert (path[-1].x, path[-1].y) == pytest.approx(goal, abs=1e-3)
     agent.abort()
@@ -121,7 +124,9 @@ def shows(agent: ControlAgent, kind: DisplayKind, text: str) -> None:
     eventually(lambda: agent.display[:2] == (kind, text), f"{text}, not {agent.display.text}")
 
 
-def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: ControlAgent) -> None:
+def test_the_touch_panel_shows_what_the_robot_does_and_since_when(
+    agent: ControlAgent, session: InProcessSession, place: Place
+) -> None:
     waiting = DisplayKind.WAITING
     shows(agent, waiting, "waiting for an order")
     eventually(lambda: agent.display.seconds > 0.3, "it shows that for a while")
@@ -138,16 +143,11 @@ def test_the_touch_panel_shows_what_the_robot_does_and_since_when(agent: Control
     eventually(lambda: agent.state.program.result is ProgramResult.ABORTED, "its end")
     agent.reset_stop()
     shows(agent, waiting, "waiting for an order")
-
-
-def test_a_robot_whose_world_stands_waits_and_one_that_is_lost_is_exceptional(
-    agent: ControlAgent, session: InProcessSession, place: Place
-) -> None:
     agent.load(LONG)
     agent.run()
     shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
     place.agent.configure(is_paused=True)
-    shows(agent, DisplayKind.WAITING, "waiting for the simulation server, whose time stands")
+    shows(agent, waiting, "waiting for the simulation server, whose time stands")
     place.agent.configure(is_paused=False)
     shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
     session.is_away = True
@@ -163,7 +163,7 @@ def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
     assert agent.stop_answer == (True, True, "fire")
     place.agent.evict("A")
-    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel(), calls=AgentCalls(check))
+    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel())
     later.start("simulated")
     assert later.stop_answer == (True, True, "fire")
     with pytest.raises(IllegalOrder, match="is stopped: fire"):
@@ -173,119 +173,86 @@ def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
     later.close()
 
 
-def test_a_stop_of_the_server_is_reset_with_its_number_only(
-    agent: ControlAgent, place: Place, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    place.stops.stop(["A"], "fire")
-    agent.stop("fire", 1)
-    end_stops = session.end_stops
-
-    def stop_meanwhile(number: int) -> StopHold:
-        place.stops.stop(["A"], "smoke")
-        return end_stops(number)
-
-    monkeypatch.setattr(session, "end_stops", stop_meanwhile)
-    with pytest.raises(IllegalOrder, match="is held by the simulation server: smoke"):
-        agent.reset_stop()
-    assert agent.state.condition is AgentCondition.STOPPED
-    monkeypatch.undo()
-    agent.reset_stop()
-    assert agent.state.condition is AgentCondition.IDLE
-
-
-def test_another_robot_behind_the_same_agent(
-    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_robot_behind_the_same_agent(disc: ControlAgent, session: InProcessSession) -> None:
     """The documented adaptor is no body in the building: that follows it."""
-    switch_to_disc(agent, monkeypatch)
     began = session.latest.at
-    run(agent, drive(ahead=0.5, left=0.3, turn=1.0))
+    run(disc, drive(ahead=0.5, left=0.3, turn=1.0))
     eventually(lambda: abs(session.state().at.x - began.x - 0.5) < 0.01, "the body has followed")
     at = session.state().at
     assert (at.y - began.y, at.heading - began.heading) == pytest.approx((0.3, 1.0), abs=0.01)
     with pytest.raises(MotionFailed, match="0 joints"):
-        _ = agent.robot.joints
-    agent.switch("simulated", ())
-    assert agent.state.adaptor == "simulated"
+        _ = disc.robot.joints
+    disc.switch("simulated", ())
+    assert disc.state.adaptor == "simulated"
 
 
-def test_a_loaded_program_does_not_run_on_a_robot_without_its_sensor(
-    agent: ControlAgent, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_loaded_program_does_not_run_on_a_robot_without_its_sensor(disc: ControlAgent) -> None:
     """The virtual sensor of the map knows nothing of what stands before an actual robot."""
     watch = ProgramBuilder("watch")
     with watch.stop_if_closer("laser", 0.1):
         watch.mbase_by(ahead=0.05)
-    run(agent, watch.program())
-    switch_to_disc(agent, monkeypatch)
+    disc.load(watch.program())
     with pytest.raises(IllegalOrder, match=r"icons\[0\]\.sensor: the adaptor disc has no sensor laser"):
-        agent.run()
+        disc.run()
     with pytest.raises(UnknownSensor, match="'laser'; known are none"):
-        agent.robot.nearest_m("laser")
-    agent.switch("simulated", ())
-    run(agent, watch.program())
+        disc.robot.nearest_m("laser")
+    disc.switch("simulated", ())
+    run(disc, watch.program())
 
 
-def test_what_holds_up_its_body_stands_in_the_way_of_an_actual_robot(
-    place: Place, agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    switch_to_disc(agent, monkeypatch)
+def test_what_holds_up_its_body_is_in_its_way(place: Place, disc: ControlAgent, session: InProcessSession) -> None:
     began = session.latest.at
     ahead = began._replace(x=began.x + 1.2 * math.cos(began.heading), y=began.y + 1.2 * math.sin(began.heading))
     other = place.session("other", ahead)
     other.log_on()
-    reason = run(agent, drive(ahead=3.0), ProgramResult.FAILED)
+    reason = run(disc, drive(ahead=3.0), ProgramResult.FAILED)
     assert "m away, as if an obstacle blocked it; it last touched other" in reason
-    assert agent.state.condition is AgentCondition.IDLE
+    assert disc.state.condition is AgentCondition.IDLE
     # Its body stands after 0.4 m; how soon that is noticed depends on the machine, but not how far it may get.
-    assert math.dist((agent.state.actor.x, agent.state.actor.y), began[1:3]) < 0.4 + BODY_LOST_M
-    run(agent, drive(ahead=-0.4))
-    actor = agent.state.actor
+    assert math.dist((disc.state.actor.x, disc.state.actor.y), began[1:3]) < 0.4 + BODY_LOST_M
+    run(disc, drive(ahead=-0.4))
+    actor = disc.state.actor
     eventually(lambda: math.dist(session.state().at[1:3], (actor.x, actor.y)) < 0.02, "the body is back, too")
     other.log_off()
 
 
-def test_a_body_that_went_on_while_its_robot_stood_does_not_hold_it_up(
-    agent: ControlAgent, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    switch_to_disc(agent, monkeypatch, away_m=BODY_BLOCKED_M + 0.03)
+@pytest.mark.parametrize("disc", [BODY_BLOCKED_M + 0.03], indirect=True)
+def test_a_body_that_went_on_while_its_robot_stood_does_not_hold_it_up(disc: ControlAgent) -> None:
     for _ in range(3):  # a program may begin before the body has moved
-        agent.stop()
-        agent.reset_stop()
-        run(agent, drive(ahead=0.2))
+        disc.stop()
+        disc.reset_stop()
+        run(disc, drive(ahead=0.2))
 
 
 def test_a_body_that_was_only_late_does_not_end_a_program(
-    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
+    disc: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    switch_to_disc(agent, monkeypatch)
     began, command, behind_m = session.latest.at, session.command, [0.0]
 
     def late(velocity: Velocity, valid_s: float) -> None:
-        robot = agent.state.actor
+        robot = disc.state.actor
         behind_m.append(math.dist((robot.x, robot.y), session.latest.at[1:3]))
         is_driving = math.dist((robot.x, robot.y), began[1:3]) > 0.2
         if not is_driving or max(behind_m) > BODY_BLOCKED_M + 0.05:
             command(velocity, valid_s)
 
     monkeypatch.setattr(session, "command", late)
-    run(agent, drive(ahead=1.0))
+    run(disc, drive(ahead=1.0))
     assert max(behind_m) > BODY_BLOCKED_M
 
 
 def test_a_body_that_is_lost_is_put_where_its_robot_is(
-    agent: ControlAgent, session: InProcessSession, place: Place, monkeypatch: pytest.MonkeyPatch
+    disc: ControlAgent, session: InProcessSession, place: Place
 ) -> None:
-    switch_to_disc(agent, monkeypatch)
     at = session.latest.at
     place.agent.place("A", at._replace(x=at.x - 1.5))
-    eventually(lambda: "m away" in agent.state.reason, "lost")
-    eventually(lambda: agent.state.condition is AgentCondition.IDLE, "back")
+    eventually(lambda: "m away" in disc.state.reason, "lost")
+    eventually(lambda: disc.state.condition is AgentCondition.IDLE, "back")
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
 
 
 @pytest.mark.parametrize(("adaptor", "argv"), [("simulated", ()), ("smartpal", ("--naming", "127.0.0.1:9"))])
-def test_a_switch_while_the_server_is_away_leaves_a_robot_that_comes_back(
+def test_a_robot_comes_back_from_a_switch_without_a_server(
     agent: ControlAgent, session: InProcessSession, adaptor: str, argv: Sequence[str]
 ) -> None:
     session.is_away = True
@@ -296,25 +263,11 @@ def test_a_switch_while_the_server_is_away_leaves_a_robot_that_comes_back(
     run(agent, SHORT)
 
 
-def test_a_robot_without_an_adaptor_that_starts_is_stopped_until_a_reset_starts_one(
+def test_without_an_adaptor_that_starts_it_is_stopped_until_a_reset(
     agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("robocorba.robot.session.GIVING_BACK_S", 0.1)
-    make, is_refused = model_switcher.make, True
-
-    def refusing(name: str, context: AdaptorContext) -> Any:
-        made = make(name, context)
-        start = made.start
-
-        def try_to_start(argv: Sequence[str]) -> bool:
-            if is_refused:
-                raise AdaptorFailed("its motors have no power")
-            return start(argv)
-
-        monkeypatch.setattr(made, "start", try_to_start)
-        return made
-
-    monkeypatch.setattr(model_switcher, "make", refusing)
+    monkeypatch.setattr(SimulatedAdaptor, "start", MagicMock(side_effect=AdaptorFailed("its motors have no power")))
     with pytest.raises(AdaptorFailed, match="no power"):
         agent.switch("simulated", ())
     assert agent.state.condition is AgentCondition.STOPPED and not agent.is_free
@@ -322,28 +275,6 @@ def test_a_robot_without_an_adaptor_that_starts_is_stopped_until_a_reset_starts_
     with pytest.raises(AdaptorFailed, match="no power"):
         agent.reset_stop()
     assert agent.state.condition is AgentCondition.STOPPED
-    is_refused = False
+    monkeypatch.undo()
     agent.reset_stop()
     run(agent, SHORT)
-
-
-def switch_to_disc(agent: ControlAgent, monkeypatch: pytest.MonkeyPatch, away_m: float = 0.0) -> None:
-    """The robot of docs/adaptors.md; it begins somewhat away from its body."""
-    make = model_switcher.make
-
-    def with_disc(name: str, context: AdaptorContext) -> object:
-        if name != "disc":
-            return make(name, context)
-        disc: Any = documented_adaptor()(context)
-        start = disc.start
-
-        def start_away(argv: Sequence[str]) -> bool:
-            is_started = bool(start(argv))
-            disc._x -= away_m
-            return is_started
-
-        disc.start = start_away
-        return disc
-
-    monkeypatch.setattr(model_switcher, "make", with_disc)
-    agent.switch("disc", ())

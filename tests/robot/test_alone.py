@@ -47,9 +47,6 @@ def records(tmp_path: Path) -> Iterator[RecordFile]:
         yield found
 
 
-# ---- the session ----
-
-
 def test_the_session_is_where_the_adaptor_says_and_remembers_it(records: RecordFile) -> None:
     reported = [AT_START]
     session = LocalSession(records, START, lambda: reported[-1])
@@ -102,9 +99,6 @@ def test_what_only_the_simulation_server_has_is_refused(records: RecordFile) -> 
     assert session.reservation() is None
 
 
-# ---- map and floor ----
-
-
 def test_the_map_is_kept_and_paths_stay_on_its_floor(records: RecordFile) -> None:
     assert kept_map(records) is None
     place = LocalMap(records, tower(), 1, "L1")
@@ -154,9 +148,6 @@ def test_the_pool_holds_its_floor(records: RecordFile) -> None:
     assert pool.current_snapshot().object("T1") is None
     with pytest.raises(UnknownFloor):
         floor.changes("L3", 0)
-
-
-# ---- the body ----
 
 
 class Server(LocalSession):

@@ -85,23 +85,11 @@ def test_what_a_robot_of_0_1_0_shows_follows_from_its_state() -> None:
     assert shown_by(Released()) == Display(DisplayKind.WORKING, "mbase path (fetch)")
 
 
-def test_a_question_is_answered_once_and_by_its_number() -> None:
-    execution = ExecutionControl(lambda error: None, lambda is_held: None)
-    with execution.asking("hand is free?") as answer:
-        number = execution.question.number
-        assert (execution.awaited, answer()) == ("an answer: hand is free?", None)
-        assert not execution.answer(0, True) and not execution.answer(number + 1, True)
-        assert execution.answer(number, False) and not execution.answer(number, True)
-        assert (execution.awaited, answer(), execution.question.number) == ("", False, 0)
-    with execution.asking("and now?") as answer:
-        assert not execution.answer(number, True) and answer() is None
-    assert execution.question.text == ""
-
-
 @given(st.lists(st.one_of(st.just(None), st.sampled_from(["", "B", "elevator E1", "areas"]))))
 def test_a_program_waits_for_what_it_has_begun_to_wait_for_last(steps: list[str | None]) -> None:
     """Waits begin with a text, which is empty while they are none, and end with None, the last one first."""
     execution = ExecutionControl(lambda error: None, lambda is_held: None)
+    assert not execution.answer(0, True)  # nothing is asked
     waits: list[tuple[contextlib.ExitStack, str]] = []
     for step in steps:
         if step is None:

@@ -635,6 +635,11 @@ def test_a_reset_that_is_refused_for_a_later_stop_has_reported_that_one(server: 
     server.meanwhile = lambda: stop.stop("during the call")
     stop.end(stop.latch.number)
     assert server.latch.reason == stop.latch.reason == "during the call"
+    server.meanwhile = lambda: None
+    server.latch.stop("smoke")
+    with pytest.raises(IllegalOrder, match="is held by the simulation server: smoke"):
+        stop.end(stop.latch.number)
+    assert stop.latch.is_on
 
 
 def test_a_stop_whose_end_got_no_answer_or_that_the_server_has_lost_is_reported_again(

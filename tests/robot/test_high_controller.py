@@ -6,8 +6,10 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -29,6 +31,9 @@ from tests.waits import outlast, pause, stays
 pytestmark = pytest.mark.slow
 
 HERE = SimpleNamespace(session=SimpleNamespace(latest=SimpleNamespace(at=Pose("L1", 0.0, 0.0))))
+
+
+THREADS = ThreadPoolExecutor()
 
 
 class Watched(RobotAdaptor):
@@ -114,25 +119,11 @@ def high(adaptor: Watched) -> Iterator[HighController]:
     assert adaptor.stops
 
 
-def in_background(call: Any, *arguments: Any) -> tuple[threading.Thread, list[Exception]]:
-    raised: list[Exception] = []
-
-    def run() -> None:
-        try:
-            call(*arguments)
-        except Exception as error:
-            raised.append(error)
-
-    thread = threading.Thread(target=run)
-    thread.start()
-    return thread, raised
-
-
-def driving(high: HighController) -> tuple[threading.Thread, list[Exception]]:
-    """A motion that is under way, and what it has raised."""
-    thread, raised = in_background(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
+def driving(high: HighController) -> Future[None]:
+    """A motion that is under way."""
+    moving = THREADS.submit(high.move, DriveAt((0.2, 0.0, 0.0), 60.0))
     eventually(lambda: high.state.velocity[0] > 0.1, "moving")
-    return thread, raised
+    return moving
 
 
 def works(high: HighController) -> None:
@@ -169,14 +160,11 @@ def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor
     assert len(adaptor.commands) - count > 2 * 1.0 / Timing.idle_tick_s
 
 
-def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_another_loop(
-    high: HighController, adaptor: Watched
-) -> None:
+def test_a_motion_ends_with_the_control_loop_and_a_reset_starts_it(high: HighController, adaptor: Watched) -> None:
     for defect, text in ((ValueError("a fault"), "ValueError: a fault"), (SystemExit(3), "SystemExit: 3")):
-        thread, raised = driving(high)
+        moving = driving(high)
         adaptor.defect = defect
-        thread.join(60.0)
-        assert f"is stopped: internal fault in 'high controller' ({text})" in str(raised[0])
+        assert f"is stopped: internal fault in 'high controller' ({text})" in str(moving.exception(60.0))
         assert text in high.stopped
         adaptor.defect = None
         stays(lambda: high.stopped, Timing.hang_limit_s)  # a loop that has ended does not hang
@@ -184,25 +172,20 @@ def test_a_motion_ends_with_the_defect_of_the_control_loop_and_a_reset_starts_an
         works(high)
 
 
-@pytest.mark.parametrize(
-    ("failure", "text"),
-    [
-        (KeyError("joint"), "KeyError: 'joint'"),
-        (SystemExit("joint"), "SystemExit: joint"),
-        (AdaptorFailed("the arm smokes"), "the arm smokes"),
-    ],
-)
+FAILURES = [(KeyError("it"), "KeyError: 'it'"), (SystemExit("it"), "SystemExit: it"), (AdaptorFailed("it"), "it")]
+
+
+@pytest.mark.parametrize(("failure", "text"), FAILURES)
 def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
     high: HighController, adaptor: Watched, failure: BaseException, text: str
 ) -> None:
     for where in ("read", "write"):
-        thread, raised = driving(high)
+        moving = driving(high)
         if where == "write":
             adaptor.goes_on.set()
             adaptor.hangs.set()
         adaptor.failure = failure
-        thread.join(60.0)
-        assert text in str(raised[0]) and high.stopped == text and not high.is_lost
+        assert text in str(moving.exception(60.0)) and high.stopped == text and not high.is_lost
         with pytest.raises(AdaptorFailed, match=text):
             high.reset_stop()  # its start fails
         adaptor.failure = None
@@ -211,29 +194,49 @@ def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
         works(high)
 
 
+def test_a_stop_or_loss_during_a_reset_stays_and_so_does_a_stop_that_no_server_ends(
+    high: HighController, adaptor: Watched
+) -> None:
+    def refuse(number: int) -> None:
+        raise RobotLost("the server does not answer")
+
+    high.emergency_stop("button")
+    with pytest.raises(RobotLost):
+        high.reset_stop(end=refuse)
+    assert high.stopped == "button" and high.is_stop_confirmed
+    high.reset_stop()
+    for where in ("before_start", "before_read"):
+        high.emergency_stop("first")
+        setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
+        with pytest.raises(IllegalOrder, match="was stopped again: second"):
+            high.reset_stop()
+        assert not adaptor.disc.read(RobotState())
+        high.reset_stop()
+        works(high)
+    high.emergency_stop("button")
+    adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
+    with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
+        high.reset_stop()
+    eventually(lambda: high.stopped == "", "found again")
+
+
 def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:
     """As by the thread of a stop that is so slow that a reset is quicker."""
-    thread, raised = driving(high)
+    moving = driving(high)
     adaptor.stop()
-    thread.join(60.0)
-    assert str(raised[0]) == "its adaptor was stopped"
+    assert str(moving.exception(60.0)) == "its adaptor was stopped"
     eventually(lambda: high.stopped == "", "found again")
     works(high)
 
 
 def test_what_ends_a_motion(high: HighController) -> None:
-    class Wrong:
-        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
-            raise ZeroDivisionError("of its own")
-
     with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
-        high.move(Wrong())
-    thread, raised = driving(high)
+        high.move(MagicMock(**{"command.side_effect": ZeroDivisionError("of its own")}))
+    moving = driving(high)
     with pytest.raises(IllegalOrder, match="is moving"):
         works(high)
     high.cancel(MotionFailed("enough"))
-    thread.join(60.0)
-    assert [str(error) for error in raised] == ["enough"]
+    assert str(moving.exception(60.0)) == "enough"
     eventually(lambda: high.state.velocity[0] == 0.0, "standing")
 
 
@@ -248,10 +251,6 @@ def test_a_lost_robot_shows_why_it_stays_lost_and_obeys_a_stop(
     eventually(lambda: adaptor.starts > attempts + 2, "attempts")
     assert high.stopped == "nobody answers; it can't reconnect: the name is taken"
     assert sum("the name is taken" in record.getMessage() for record in caplog.records) == 1
-    adaptor.failure = None
-    eventually(lambda: high.stopped == "", "found again")
-    adaptor.failure = RobotLost("nobody answers")
-    eventually(lambda: high.stopped == "nobody answers", "lost")
     high.emergency_stop("button")
     assert not high.is_lost
     with pytest.raises(IllegalOrder, match="is stopped: button"):
@@ -260,9 +259,7 @@ def test_a_lost_robot_shows_why_it_stays_lost_and_obeys_a_stop(
     stays(lambda: high.stopped == "button", 1.2)
 
 
-def test_the_loop_shows_a_defect_while_the_robot_is_lost_and_who_does_not_answer(
-    high: HighController, adaptor: Watched
-) -> None:
+def test_the_loop_shows_a_defect_of_a_lost_robot_and_who_is_silent(high: HighController, adaptor: Watched) -> None:
     def fail() -> None:
         raise SystemExit("of a library")
 
@@ -294,14 +291,13 @@ def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
 
 
 def test_a_stop_works_while_the_adaptor_hangs_or_fails_to_stop(high: HighController, adaptor: Watched) -> None:
-    thread, raised = driving(high)
+    moving = driving(high)
     adaptor.hang()
     adaptor.failure, stops = AdaptorFailed("it was stopped"), adaptor.stops
     adaptor.stop_failure = KeyError("a unit")
     high.emergency_stop("button")
     assert (adaptor.stops, high.stopped, high.is_stop_confirmed) == (stops + 1, "button", False)
-    thread.join(60.0)
-    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
+    assert str(moving.exception(60.0)) == "can't continue: the robot is stopped: button"
     adaptor.go_on()
     stays(lambda: high.stopped == "button", 0.2)  # what fails now is no other reason
     with pytest.raises(IllegalOrder, match="is stopped: button"):
@@ -313,52 +309,16 @@ def test_a_stop_works_while_the_adaptor_hangs_or_fails_to_stop(high: HighControl
         high.reset_stop()
 
 
-def test_what_comes_between_leaves_a_robot_stopped(high: HighController, adaptor: Watched) -> None:
-    def refuse(number: int) -> None:
-        raise RobotLost("the server does not answer")
-
-    high.emergency_stop("button")
-    with pytest.raises(RobotLost):
-        high.reset_stop(end=refuse)
-    assert high.stopped == "button" and high.is_stop_confirmed
-    assert not adaptor.disc.read(RobotState())
-    adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
-    with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
-        high.reset_stop()
-    eventually(lambda: high.stopped == "", "found again")
-
-
-def test_a_stop_during_a_reset_or_a_reconnection_stays(high: HighController, adaptor: Watched) -> None:
-    for where in ("before_start", "before_read"):
-        high.emergency_stop("first")
-        setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
-        with pytest.raises(IllegalOrder, match="was stopped again: second"):
-            high.reset_stop()
-        assert high.stopped == "second"
-        assert not adaptor.disc.read(RobotState())
-        high.reset_stop()
-        works(high)
-    adaptor.failure = RobotLost("nobody answers")
-    eventually(lambda: high.stopped == "nobody answers", "lost")
-    adaptor.before_start, done = once(lambda: high.emergency_stop("button"))
-    adaptor.failure = None
-    eventually(lambda: done, "a reconnection")
-    eventually(lambda: high.is_stop_confirmed, "that it stands")  # it has started, and is stopped at once
-    assert (high.stopped, high.is_lost) == ("button", False)
-    assert not adaptor.disc.read(RobotState())
-
-
 @pytest.mark.parametrize("hangs", [False, True])
 def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched, hangs: bool) -> None:
     """Whoever has set it, such as while this controller was about to replace another one."""
     latch = StopLatch()
     high = made(adaptor, latch, None, Timing(hang_limit_s=600.0))
-    thread, raised = driving(high)
+    moving = driving(high)
     if hangs:
         adaptor.hang()
     latch.stop("button")
-    thread.join(60.0)
-    assert [str(error) for error in raised] == ["can't continue: the robot is stopped: button"]
+    assert str(moving.exception(60.0)) == "can't continue: the robot is stopped: button"
     eventually(lambda: high.is_stop_confirmed, "that it stands")
     assert adaptor.stops == 1
     adaptor.go_on()
@@ -368,18 +328,18 @@ def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched, hangs: bool) 
 def test_an_adaptor_that_starts_after_the_end_is_stopped(high: HighController, adaptor: Watched) -> None:
     adaptor.failure = RobotLost("nobody answers")
     eventually(lambda: high.stopped == "nobody answers", "lost")
-    adaptor.before_start, done = once(lambda: in_background(high.close)[0].join(0.5))
+    adaptor.before_start, done = once(lambda: wait([THREADS.submit(high.close)], 0.5))
     adaptor.failure = None
     eventually(lambda: done, "a reconnection")
     eventually(lambda: not adaptor.disc.read(RobotState()), "that it is stopped")
 
 
 def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, adaptor: Watched) -> None:
-    thread, raised = driving(high)
+    moving = driving(high)
     adaptor.hangs.set()
     eventually(lambda: high.check_alive() or high.stopped != "", "noticed")
-    thread.join(60.0)
-    assert isinstance(raised[0], RobotLost) and "the robot's adaptor did not answer for " in str(raised[0])
+    with pytest.raises(RobotLost, match="the robot's adaptor did not answer for "):
+        moving.result(60.0)
     with pytest.raises(RobotLost, match="did not answer"):
         high.check()
     high.emergency_stop("button")
@@ -403,7 +363,7 @@ class Paused:
         monkeypatch.setattr(high_controller.time, "sleep", self.sleep)
         limits = {"longest_check_pause_s": 0.1, "check_interval_s": 600.0, "pause_limit_s": pause_limit_s}
         self.high = made(adaptor, None, None, Timing(hang_limit_s=1.0, **limits))
-        self.thread, self.raised = in_background(self.high.move, DriveAt((0.2, 0.0, 0.0), 2.0))
+        self.moving = THREADS.submit(self.high.move, DriveAt((0.2, 0.0, 0.0), 2.0))
         eventually(lambda: self.high.state.velocity[0] > 0.1, "moving")
 
     def sleep(self, seconds: float) -> None:
@@ -412,33 +372,29 @@ class Paused:
             self.pause_s = 0.0
         self._sleep(seconds + pause_s * is_loop)
 
-    def pause(self, seconds: float, where: str) -> None:
+    def pause(self, seconds: float, where: str) -> BaseException | None:
+        """Returns how the motion failed."""
         if where == "between ticks":
             self.pause_s = seconds
             eventually(lambda: not self.pause_s, "the pause")
         else:
             self.adaptor.before_read, _ = once(lambda: self._sleep(seconds))
-        self.thread.join(60.0)
+        return self.moving.exception(60.0)
 
 
-@pytest.mark.parametrize("where", ["between ticks", "in a call"])
-def test_after_a_short_pause_of_the_process_the_robot_stops_and_goes_on(
-    adaptor: Watched, monkeypatch: pytest.MonkeyPatch, where: str
+@pytest.mark.parametrize(("limit_s", "where"), [(60.0, "between ticks"), (60.0, "in a call"), (1.1, "between ticks")])
+def test_a_robot_stops_when_its_process_is_paused_and_a_motion_goes_on_or_has_failed(
+    adaptor: Watched, monkeypatch: pytest.MonkeyPatch, limit_s: float, where: str
 ) -> None:
-    paused = Paused(adaptor, monkeypatch, 60.0)
-    paused.pause(1.2, where)
-    assert paused.raised == []
-    assert adaptor.stops == adaptor.starts - 1 >= 1
-    paused.high.close()
-
-
-def test_after_a_long_pause_of_the_process_the_motion_has_failed(
-    adaptor: Watched, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    paused = Paused(adaptor, monkeypatch, 1.1)
-    paused.pause(1.2, "between ticks")
-    assert "the robot's process was paused for " in str(paused.raised[0])
-    eventually(lambda: paused.high.stopped == "", "found again")
+    """A long pause ends it."""
+    paused = Paused(adaptor, monkeypatch, limit_s)
+    error = paused.pause(1.2, where)
+    if limit_s > 1.2:
+        assert error is None
+        assert adaptor.stops == adaptor.starts - 1 >= 1
+    else:
+        assert "the robot's process was paused for " in str(error)
+        eventually(lambda: paused.high.stopped == "", "found again")
     paused.high.close()
 
 
@@ -452,21 +408,20 @@ def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, a
             return MotionCommand() if elapsed_s < 0.6 else None
 
     watching = Watching()
-    thread, _ = in_background(high.move, watching)
+    moving = THREADS.submit(high.move, watching)
     eventually(lambda: len(watching.elapsed) > 5, "running")
     adaptor.hangs.set()
     pause(0.5)
     adaptor.go_on()
-    thread.join(60.0)
+    moving.result(60.0)
     assert max(np.diff(watching.elapsed)) <= VALID_S + 1e-6
 
 
 def test_the_end_ends_a_motion(adaptor: Watched) -> None:
     high = made(adaptor, None, None, Timing(hang_limit_s=1.0))
-    thread, raised = driving(high)
+    moving = driving(high)
     high.close()
-    thread.join(60.0)
-    assert [str(error) for error in raised] == ["can't continue: the robot is switched off"]
+    assert str(moving.exception(60.0)) == "can't continue: the robot is switched off"
     outlast(1.0)  # hang_limit_s
     high.check_alive()
     assert high.stopped == ""

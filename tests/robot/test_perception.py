@@ -19,9 +19,10 @@ from robocorba.map_editor.spatial.frames import Frame
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.perception import KEPT_S, LARGEST_M, MAX_CELLS, MAX_THINGS, Perception, SeenThing
 from robocorba.robot.scans import Scan
-from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses
+from robocorba.robot.senses import RangeSensor
 from robocorba.simulation.sensing.scan import LASER, Mount, ScanSpec
 from testkit.processes import eventually
+from tests.robot.places import Measured
 
 RANGE_M, STEP_S, RADIUS_M = 8.0, 0.2, 0.40
 ANGLES = np.arange(-180, 180) * math.pi / 180
@@ -181,17 +182,9 @@ def test_what_is_out_of_sight_times_out_and_an_uninformed_robot_changes_nothing(
 
 def test_the_thread_reads_the_sensors_and_ends() -> None:
     """Its laser looks at a wall 2 m ahead that no map has."""
-
-    class Ahead(Senses):
-        sensors = (RangeSensor("laser", Mount(), ScanSpec(LASER)),)
-
-        def ranges(self, name: str) -> Ranges:
-            return Ranges(1.0, np.minimum(2.0 / np.maximum(np.cos(LASER.angles), 1e-9), LASER.range_m))
-
-        def readings(self) -> Sequence[Reading]:
-            return []
-
-    perception = Perception(Ahead, lambda: "L1", lambda floor, points, within_m: np.zeros(len(points), bool))
+    ahead = np.minimum(2.0 / np.maximum(np.cos(LASER.angles), 1e-9), LASER.range_m)
+    senses = Measured((RangeSensor("laser", Mount(), ScanSpec(LASER)), ahead))
+    perception = Perception(lambda: senses, lambda: "L1", lambda floor, points, within_m: np.zeros(len(points), bool))
     perception.observe(RobotState(1.0, 3.0, 4.0, math.pi / 2))
     with pytest.raises(NotReachable, match="what its sensors see is unknown"):
         perception.check()

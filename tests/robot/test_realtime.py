@@ -6,21 +6,19 @@ import os
 import subprocess
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 from robocorba.robot.realtime import NICE, PRIORITY, SWITCH_S, use_realtime_scheduling
 
 
 def test_priority_is_had_or_not() -> None:
-    found: list[tuple[bool, int, int]] = []
-
-    def run() -> None:
+    def ask() -> tuple[bool, int, int]:
         is_allowed, number = use_realtime_scheduling(), threading.get_native_id()
-        found.append((is_allowed, os.sched_getscheduler(number), os.sched_getparam(number).sched_priority))
+        return is_allowed, os.sched_getscheduler(number), os.sched_getparam(number).sched_priority
 
-    thread = threading.Thread(target=run)
-    thread.start()
-    thread.join()
-    assert found[0] in ((True, os.SCHED_FIFO, PRIORITY), (False, os.SCHED_OTHER, 0))
+    with ThreadPoolExecutor() as threads:
+        found = threads.submit(ask).result()
+    assert found in ((True, os.SCHED_FIFO, PRIORITY), (False, os.SCHED_OTHER, 0))
     assert os.sched_getscheduler(threading.get_native_id()) == os.SCHED_OTHER
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 from collections.abc import Iterator
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import pytest
 
@@ -18,19 +18,12 @@ from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.programs import icons
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.robot import Robot
-from robocorba.robot.runner import ReceivedEvent, Runner
+from robocorba.robot.runner import Runner
 from robocorba.simulation.elevator import RidePhase
 from robocorba.simulation.registry import Pose
 from tests.robot.places import Channel, InProcessSession, Place, eventually, robot
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture
-def session(place: Place, request: pytest.FixtureRequest) -> Iterator[InProcessSession]:
-    session = place.session("A", getattr(request, "param", Pose("L1", 7.0, 2.0)))
-    yield session
-    session.log_off()
 
 
 def at(x: float, y: float, heading: float) -> pytest.MarkDecorator:
@@ -83,29 +76,9 @@ def test_who_calls_from_within_the_cabin_need_not_see_the_doors_open_for_it(tmp_
 
 
 @at(6.5, 8.0, 0.0)
-def test_a_sensor_stops_what_is_inside_and_the_program_goes_on(smartpal: Robot) -> None:
-    builder = ProgramBuilder("stop")
-    with builder.stop_if_closer("front", 0.3):
-        builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)
-        builder.say("never", 1)
-    with builder.branch(icons.Result("stopped")):
-        builder.mbase_by(turn=0.5)
-    channel = Channel()
-    report, _ = run(smartpal, builder, channel)
-    assert (report.result, channel.said) == (ProgramResult.DONE, [])
-    state = smartpal.controller.state
-    assert state.heading == pytest.approx(0.5, abs=0.01)
-    assert state.x == pytest.approx(7.5 - 0.4 - 0.3, abs=0.06)  # the shelf, the robot's rim, the distance
-
-
-@at(6.5, 8.0, 0.0)
 def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """The robot would drive on without it."""
-
-    def fail(sensor: str) -> float:
-        raise ValueError("a fault")
-
-    monkeypatch.setattr(smartpal, "nearest_m", fail)
+    monkeypatch.setattr(smartpal, "nearest_m", MagicMock(side_effect=ValueError("a fault")))
     builder = ProgramBuilder("stop")
     with builder.stop_if_closer("front", 0.3):
         builder.mbase_velocity(0.2, 0.0, 0.0, 30.0)
@@ -116,37 +89,14 @@ def test_a_watch_that_ends_by_a_defect_ends_the_program(smartpal: Robot, monkeyp
 
 def test_a_condition_waits_for_a_sensor_server_that_restarts(smartpal: Robot, monkeypatch: pytest.MonkeyPatch) -> None:
     """Not for a sensor that the robot does not have."""
-    answers: list[Exception | float] = [ServerAway("away"), ServerAway("away"), 0.5, 0.5]
-
-    def ask(sensor: str) -> float:
-        answer = answers.pop(0) if answers else UnknownSensor(sensor, ())
-        if isinstance(answer, Exception):
-            raise answer
-        return answer
-
-    monkeypatch.setattr(smartpal, "nearest_m", ask)
+    answers = [ServerAway("away"), ServerAway("away"), 0.5, 0.5, UnknownSensor("back", ())]
+    monkeypatch.setattr(smartpal, "nearest_m", MagicMock(side_effect=answers))
     builder = ProgramBuilder("look").wait_until(icons.CloserThan("front", 0.6), 10.0)
     with builder.branch(icons.FartherThan("front", 0.5)):
         builder.wait_until(icons.CloserThan("back", 0.6), 10.0)
     report, began = run(smartpal, builder)
     assert (report.result, began) == (ProgramResult.FAILED, ["wait_until", "branch", "wait_until"])
     assert report.reason == "the robot has no sensor 'back'; known are none"
-
-
-def test_events_are_used_up_one_by_one(smartpal: Robot) -> None:
-    builder = ProgramBuilder("events")
-    builder.wait_until(icons.Event("table.*", "B"), 10.0).wait_until(icons.Event("table.*", "B"), 0.2)
-    with builder.branch(icons.Result("timed_out")):
-        builder.say("once", None)
-    channel = Channel()
-    runner = Runner(builder.program(), smartpal, channel)
-    thread = threading.Thread(target=runner.run)
-    thread.start()
-    eventually(lambda: channel.patterns == [("table.*", "B")], "listening")
-    channel.receive(ReceivedEvent("table.up", "C", None))
-    channel.receive(ReceivedEvent("table.up", "B", None))
-    thread.join(60.0)
-    assert channel.said == [("once", None)]
 
 
 @at(2.0, 2.95, -math.pi / 2)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
 from pathlib import Path
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -14,35 +14,17 @@ from hypothesis import strategies as st
 
 from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.sensing import SensorBehind, UnknownSensor
-from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.motion.robot_state import RobotState
-from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, nearest_m, program_ranges_m, usual_sensors
+from robocorba.robot.senses import RangeSensor, nearest_m, program_ranges_m, usual_sensors
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from robocorba.simulation.registry import Description, Pose
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import RAY_SENSORS, Mount, ScanSpec
-from tests.robot.places import InProcessSession, Place
+from tests.robot.places import InProcessSession, Measured, Place
 from tests.robot.stepped_robot import Session, World
 from tests.simulation.places import tower
 
 RING = RAY_SENSORS["proximity"].rays
-
-
-class Measured(Senses):
-    """Sensors with distances from the test."""
-
-    def __init__(self, *measured: tuple[RangeSensor, Floats]) -> None:
-        self._measured = {sensor.name: (sensor, distances) for sensor, distances in measured}
-
-    @property
-    def sensors(self) -> Sequence[RangeSensor]:
-        return [sensor for sensor, _ in self._measured.values()]
-
-    def ranges(self, name: str) -> Ranges:
-        return Ranges(1.0, self._measured[self.sensor(name).name][1])
-
-    def readings(self) -> Sequence[Reading]:
-        return []
 
 
 def test_the_papers_ring_has_a_ray_for_each_name() -> None:
@@ -107,11 +89,7 @@ def test_a_virtual_robot_senses_its_place_in_the_building(place: Place, monkeypa
     assert len(senses.ranges("laser").distances) == 181
     with pytest.raises(UnknownSensor, match="known are laser, proximity"):
         senses.ranges("sonar")
-
-    def behind(*_: object) -> Floats:
-        raise SensorBehind(2.0, 1.0)
-
-    monkeypatch.setattr(session, "scan", behind)
+    monkeypatch.setattr(session, "scan", MagicMock(side_effect=SensorBehind(2.0, 1.0)))
     with pytest.raises(AdaptorFailed, match="floor data is 2"):
         senses.ranges("laser")
     session.log_off()

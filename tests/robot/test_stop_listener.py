@@ -17,8 +17,8 @@ from tests.robot.places import eventually
 
 def test_events_that_name_the_robot_or_none_stop_it(monkeypatch: pytest.MonkeyPatch) -> None:
     client, reasons, receivers = MagicMock(), list[str](), list[Any]()
-    attempts = iter([NotReachable("away"), NotReachable("away"), client])
-    monkeypatch.setattr(robot_channel, "EventClient", MagicMock(side_effect=lambda *_: answer(next(attempts))))
+    attempts = [NotReachable("away"), NotReachable("away"), client]
+    monkeypatch.setattr(robot_channel, "EventClient", MagicMock(side_effect=attempts))
     monkeypatch.setattr(robot_channel, "RETRY_S", 0.01)
     client.subscribe.side_effect = lambda receive, *patterns, queue: (
         receivers.append((receive, patterns)) or MagicMock()
@@ -32,9 +32,3 @@ def test_events_that_name_the_robot_or_none_stop_it(monkeypatch: pytest.MonkeyPa
     for payload in ({"robots": ["B"]}, {"robots": "A"}, "A", {"robots": ["A"], "reason": "fire"}, {"robots": []}):
         receive(MagicMock(spec=Event, type=STOP_EVENT, source="x", payload=payload, origin=""))
     assert reasons == ["fire", "emergency stop"]
-
-
-def answer(found: Any) -> Any:
-    if isinstance(found, Exception):
-        raise found
-    return found

@@ -12,7 +12,6 @@ import msgspec
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.map_editor.model import Building
-from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.pose import Pose, Pose2D
 from robocorba.map_editor.topology import topological_map
 from robocorba.planning.planner import PathPlanner
@@ -20,14 +19,14 @@ from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.collision_avoidance.policy import DEFAULT_POLICY, GivingWayPolicy
 from robocorba.robot.high_controller import HighController
 from robocorba.robot.kinematics.inverse import InverseKinematics
-from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.robot import Robot
-from robocorba.robot.session import SessionState
 from robocorba.robot.simulated_adaptor import SimulatedAdaptor
+from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.physics import STEP_S
-from robocorba.simulation.registry import Description
-from robocorba.simulation.reservations import Reservation, area_request, canonical_areas
+from robocorba.simulation.registry import Description, RobotClient
+from robocorba.simulation.session import Session
 from tests.robot.data_pool.places import Place
+from tests.robot.places import InProcessSession
 from tests.waits import pause
 
 FLOOR = "L1"
@@ -53,11 +52,13 @@ class Crowd:
         self.world, planner = self._place.world, PathPlanner(building)
         self.robots: dict[str, Robot] = {}
         self._controllers: list[Stepped] = []
-        for name, (x, y, heading) in starts.items():
-            self.world.add(Description(name, Pose(FLOOR, x, y, heading)))
+        descriptions = [Description(name, Pose(FLOOR, *at)) for name, at in starts.items()]
+        for about in descriptions:
+            self.world.add(about)
         self._pools = {name: self._place.pool(FLOOR, name) for name in starts}
-        for name, pool in self._pools.items():
-            session = InStep(self.world, name, self._changing)
+        for about in descriptions:
+            name, pool = about.name, self._pools[about.name]
+            session = InStep(self.world, about, self._changing)
             session.state()
             controller = Stepped(SimulatedAdaptor(session))
             controller.start(())
@@ -138,66 +139,16 @@ class Stepped(HighController):
         return self._motion is not None
 
 
-class InStep:
-    """The part of a BuildingSession that movements and reservations use, in a building that the test steps."""
+class InStep(InProcessSession):
+    """A session in a building that the test steps. changing: held while a robot changes it."""
 
-    def __init__(self, world: Any, name: str, changing: AbstractContextManager[Any]) -> None:
-        self._world, self._robot, self._changing = world, world.occupants.robots[name], changing
-        self.latest: SessionState
+    def __init__(self, world: SimulatedBuilding, about: Description, changing: AbstractContextManager[Any]) -> None:
+        super().__init__(None, about)  # type: ignore[arg-type]
 
-    def log_on(self, at: Pose | None = None) -> None:
-        pass
+        def change_at_once(change: Callable[[], None], undo: object = None) -> None:
+            with changing:
+                change()
 
-    def state(self) -> SessionState:
-        found, robot = self._robot.state(), self._robot
-        self.latest = SessionState(
-            found.time, found.pose, found.velocity, robot.holding, None, robot.collisions, robot.touched
-        )
-        return self.latest
-
-    def command(self, velocity: Velocity, valid_s: float) -> None:
-        self._robot.command(*velocity, valid_s)
-
-    def brake(self) -> None:
-        self._robot.brake()
-
-    def grip(self, what: str, x: float, y: float) -> None:
-        with self._changing:
-            self._world.occupants.grip(self._robot.name, what, (x, y))
-
-    def release(self) -> None:
-        with self._changing:
-            self._world.occupants.release(self._robot.name)
-
-    def reserve(self, areas: Sequence[FloorArea], limit_s: float) -> None:
-        with self._changing:
-            self._world.reserve(self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors)])
-
-    def reserve_one_of(self, alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
-        with self._changing:
-            return self._world.reserve(
-                self._robot.name, [area_request(areas, limit_s, self._world.occupants.floors) for areas in alternatives]
-            )
-
-    def exchange_areas(self, areas: Sequence[FloorArea], least_s: float) -> bool:
-        with self._changing:
-            request = area_request(areas, least_s, self._world.occupants.floors)
-            return self._world.reservations.exchange(self._robot.name, request, least_s)
-
-    def take_over_areas(self, former: str) -> None:
-        with self._changing:
-            self._world.reservations.take_over(self._robot.name, former)
-
-    def reservation(self) -> Reservation | None:
-        return self._world.reservations.find(self._robot.name, self._world.time)
-
-    def keep_areas(self, areas: Sequence[FloorArea]) -> None:
-        with self._changing:
-            self._world.reservations.keep(self._robot.name, canonical_areas(areas))
-
-    def release_areas(self) -> None:
-        with self._changing:
-            self._world.reservations.release(self._robot.name)
-
-    def cancel_elevator(self) -> None:
-        pass
+        client = RobotClient(about, about.name, 0.0, lambda: 0.0)
+        robot = world.occupants.robots[about.name]
+        self._session = Session(client, robot, world, change_at_once, lambda client: None)

@@ -28,8 +28,7 @@ def seen_by_a(other_y: float, name: str = "A", policy: GivingWayPolicy = DEFAULT
         place.world.add(robot(who, y=y))
     place.world.occupants.robots["C"].command(1.0, 0.0, 0.0, 5.0)
     place.run(1.0)
-    pool = place.pool(own_name="A")
-    pool.follow()
+    pool = place.loaded_pool(own_name="A")
     return Nearby(pool, name, policy, **more)
 
 
@@ -101,8 +100,7 @@ def test_what_a_robot_carries_is_the_object_and_those_who_hold_it_too() -> None:
     for who, x, y, heading in (("A", 2.0, 1.0, 0.5), ("B", 2.0, 3.0, -0.5), ("C", 0.9, 2.0, 1.0)):
         place.world.add(robot(who, x=x, y=y, heading=heading * math.pi))
     place.run(0.1)
-    pool = place.pool(own_name="A")
-    pool.follow()
+    pool = place.loaded_pool(own_name="A")
     nearby = Nearby(pool, "A")
     carried = nearby.carried("T1")
     assert carried is not None

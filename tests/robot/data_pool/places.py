@@ -8,11 +8,12 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.model import BoxShape, Building, MapObject, PolygonShape, SegmentShape, Wall
 from robocorba.map_editor.spatial.floor_update import FloorUpdate
 from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.motion.robot_state import Velocity
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.omni_database import OmniDatabase
 from robocorba.simulation.physics import STEP_S
 from tests.clock import Clock
-from tests.simulation.places import tower
+from tests.simulation.places import robot, tower
 
 
 class Place:
@@ -43,6 +44,16 @@ class Place:
     def pool(self, floor: str = "L1", own_name: str = "") -> DataPool:
         return DataPool(self.changes, self.map_of, floor, own_name, self.clock)
 
+    def loaded_pool(self, floor: str = "L1", own_name: str = "") -> DataPool:
+        pool = self.pool(floor, own_name)
+        pool.follow()
+        return pool
+
+    def drive(self, robot: str, seconds: float, velocity: Velocity = (0.3, 0.0, 0.0)) -> None:
+        """A command for a second of which some time passes."""
+        self.world.occupants.robots[robot].command(*velocity, 1.0)
+        self.run(seconds)
+
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP_S)):
             self.world.step()
@@ -50,6 +61,15 @@ class Place:
     def start_again(self) -> None:
         """The database of another process, with the same building."""
         self.database = OmniDatabase(self.world)
+
+
+def populated(*names: str) -> Place:
+    """With robots on the lower floor, a metre apart."""
+    place = Place()
+    for index, name in enumerate(names):
+        place.world.add(robot(name, x=7.0, y=1.0 + index))
+    place.world.refresh()
+    return place
 
 
 def furnished() -> Building:

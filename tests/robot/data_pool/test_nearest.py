@@ -70,8 +70,7 @@ coordinates = st.floats(-2.0, 12.0)
 @given(coordinates, coordinates, st.integers(0, 3))
 def test_the_nearest_obstacle_agrees_with_shapely(x: float, y: float, moved: int) -> None:
     place = SCENES[moved]
-    pool = place.pool("L2")
-    pool.follow()
+    pool = place.loaded_pool("L2")
     check(place, pool, x, y)
 
 
@@ -106,29 +105,18 @@ def test_open_doors_are_no_obstacle() -> None:
         (SCENES[3], "L2", True),
         (SCENES[3], "L1", False),
     ):
-        pool = place.pool(floor, "R3")
-        pool.follow()
+        pool = place.loaded_pool(floor, "R3")
         before_door = pool.snapshot().nearest_non_robot(5.0, 3.9)
         assert before_door and before_door.name == "E1"
         assert before_door.distance_m == pytest.approx(math.hypot(0.5, 0.1) if is_open else 0.1, abs=1e-5)
 
 
-def test_inside_an_object_the_distance_is_0() -> None:
-    place = crowd("L1")
-    pool = place.pool("L1")
-    pool.follow()
-    assert pool.snapshot().nearest_non_robot(2.0, 2.0) == (0.0, 2.0, 2.0, "T1")
-    assert pool.snapshot().nearest_non_robot(8.0, 8.0) == (0.0, 8.0, 8.0, "S1")
-
-
 def test_an_empty_floor_has_no_obstacles_and_a_wall_far_away_is_found() -> None:
     empty = Building("plain", {"L1": FloorMap(Floor("L1", 1, 0.0))})
-    pool = Place(empty).pool()
-    pool.follow()
+    pool = Place(empty).loaded_pool()
     assert pool.snapshot().nearest_non_robot(1.0, 2.0) is None
     assert pool.snapshot().robots_near(1.0, 2.0, 1e9) == []
-    pool = Place(empty.with_element("L1", Wall("W", (0, 0), (1, 0)))).pool()
-    pool.follow()
+    pool = Place(empty.with_element("L1", Wall("W", (0, 0), (1, 0)))).loaded_pool()
     assert pool.snapshot().nearest_non_robot(1e6, 0.0) == (1e6 - 1.0, 1.0, 0.0, "W")
 
 
@@ -136,8 +124,7 @@ def test_an_empty_floor_has_no_obstacles_and_a_wall_far_away_is_found() -> None:
 @given(coordinates, coordinates, st.floats(0.0, 8.0), st.sampled_from(["", "R1"]))
 def test_robots_near(x: float, y: float, range_m: float, own_name: str) -> None:
     place = SCENES[1]
-    pool = place.pool("L2", own_name)
-    pool.follow()
+    pool = place.loaded_pool("L2", own_name)
     beside = {}
     for one in place.world.occupants.robots.values():
         at = place.world.occupants.pose(one.name)
@@ -152,8 +139,7 @@ def test_robots_near(x: float, y: float, range_m: float, own_name: str) -> None:
 
 
 def test_invalid_points_are_refused() -> None:
-    pool = SCENES[0].pool("L2")
-    pool.follow()
+    pool = SCENES[0].loaded_pool("L2")
     for x, y, field in ((math.nan, 0.0, "x"), (0.0, math.inf, "y")):
         with pytest.raises(InvalidPoint) as invalid:
             pool.snapshot().nearest_non_robot(x, y)

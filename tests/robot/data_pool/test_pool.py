@@ -9,7 +9,9 @@ import math
 import threading
 import types
 import weakref
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
+from unittest.mock import MagicMock
 
 import hypothesis
 import numpy as np
@@ -20,26 +22,24 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import PlaceTaken
 from robocorba.map_editor.model import MapObject, Wall
-from robocorba.map_editor.spatial.floor_update import Body
+from robocorba.map_editor.spatial.floor_update import WHOLE, Body, FloorView
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.robot.data_pool.pool import DataPool
+from robocorba.robot.data_pool.snapshot import MAX_UPDATES
 from robocorba.simulation.building import SimulatedBuilding
-from tests.robot.data_pool.places import Place, furnished, same
+from tests.robot.data_pool.places import Place, furnished, populated, same
 from tests.simulation.places import robot
 
 
 def test_a_floor_is_loaded_and_followed() -> None:
-    place = Place()
-    place.world.add(robot("A"))
-    place.world.refresh()
+    place = populated("A")
     pool = place.pool()
     assert not pool.snapshot().is_known
     pool.follow()
     assert same(pool, place)
     first = pool.snapshot()
     assert (first.floor, pool.problem, pool.lag_s) == ("L1", "", 0.0)
-    place.world.occupants.robots["A"].command(0.5, 0.0, 0.2, 1.0)
-    place.run(0.5)
+    place.drive("A", 0.5, (0.5, 0.0, 0.2))
     pool.follow()
     assert same(pool, place)
     before, now = first.robot("A"), pool.snapshot().robot("A")
@@ -50,15 +50,9 @@ def test_a_floor_is_loaded_and_followed() -> None:
 
 
 def test_robots_and_objects_by_name() -> None:
-    place = Place()
-    place.world.add(robot("A"))
-    place.world.refresh()
-    pool = place.pool()
-    pool.follow()
-    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
-        ("S1", False),
-        ("T1", True),
-    ]
+    place = populated("A")
+    pool = place.loaded_pool()
+    assert {item.name: item.is_movable for item in pool.snapshot().objects()} == {"S1": False, "T1": True}
     assert [item.name for item in pool.snapshot().objects("T*")] == ["T1"]
     assert pool.snapshot().objects("t?") == []
     table, shelf = pool.snapshot().object("T1"), pool.snapshot().object("S1")
@@ -77,14 +71,12 @@ def test_robots_and_objects_by_name() -> None:
 
 def test_an_unknown_floor_is_refused() -> None:
     place = Place()
-    pool = place.pool()
-    pool.follow()
+    pool = place.loaded_pool()
     before = pool.snapshot()
     with pytest.raises(UnknownFloor, match="L9"):
         pool.change_floor("L9")
     assert pool.snapshot() is before
-    nowhere = place.pool("L9")
-    nowhere.follow()
+    nowhere = place.loaded_pool("L9")
     assert "L9" in nowhere.problem
     assert nowhere.lag_s == math.inf
 
@@ -98,14 +90,9 @@ def test_the_floor_changes_during_a_request() -> None:
     assert same(pool, place)
 
 
-# ---- a source that does not answer ----
-
-
 def test_the_lag_grows_while_the_source_does_not_answer() -> None:
-    place = Place()
+    place = populated("A")
     world, pool = place.world, place.pool()
-    world.add(robot("A"))
-    world.refresh()
     place.is_away = True
     pool.follow()
     assert (pool.lag_s, pool.snapshot().is_known) == (math.inf, False)
@@ -147,54 +134,30 @@ def test_the_floor_can_change_while_source_or_map_do_not_answer() -> None:
         assert pool.change_floor(floor)
 
 
-def test_another_process_serves_another_building() -> None:
-    place = Place()
-    place.world.add(robot("A"))
-    pool = place.pool()
-    pool.follow()
-    place.world = SimulatedBuilding(furnished())  # other numbers for all bodies
-    place.world.add(robot("B"))
-    place.world.refresh()
-    place.start_again()
-    pool.follow()
-    assert same(pool, place)
-
-
 def test_the_floor_is_reloaded_after_an_update_that_does_not_fit() -> None:
-    place = Place()
-    place.world.add(robot("A"))
-    place.world.refresh()
-    pool = place.pool()
-    pool.follow()
+    place = populated("A")
+    pool = place.loaded_pool()
     before, right = pool.snapshot(), place.database
     for change in (
         lambda _: right.floor("L1")._replace(came=[]),  # of bodies that nobody knows
         lambda update: update._replace(since=update.since - 1),
     ):
-
-        def changes(floor: str, since: int, change: Any = change) -> Any:
-            return change(right.changes(floor, since))
-
-        place.database = types.SimpleNamespace(changes=changes)  # type: ignore[assignment]
+        wrong = change(right.changes("L1", before.version))
+        place.database = MagicMock(**{"changes.return_value": wrong})
         pool.follow()
         assert pool.snapshot() is before
         assert "begins at" in pool.problem
         place.database = right
-        place.world.occupants.robots["A"].command(0.2, 0.0, 0.0, 1.0)
-        place.run(0.1)
+        place.drive("A", 0.1, (0.2, 0.0, 0.0))
         pool.follow()
         assert pool.problem == ""
         assert same(pool, place)
         before = pool.snapshot()
 
 
-# ---- the map ----
-
-
 def test_edits_of_this_floor_are_followed() -> None:
     place = Place()
-    pool = place.pool()
-    pool.follow()
+    pool = place.loaded_pool()
     near = pool.snapshot().nearest_non_robot(7.0, 3.0)
     assert near and near.name != "W9"
     walls = pool.snapshot().walls
@@ -210,16 +173,19 @@ def test_edits_of_this_floor_are_followed() -> None:
     place.world.update(place.world.building.with_element("L1", MapObject("S1", shelf.shape, shelf.at, movable=True)))
     pool.follow_map()
     pool.follow()
-    assert [(item.name, item.is_movable) for item in pool.snapshot().objects()] == [
-        ("S1", True),
-        ("T1", True),
-    ]
+    assert {item.name: item.is_movable for item in pool.snapshot().objects()} == {"S1": True, "T1": True}
     place.is_editor_away = True
     with pytest.raises(NotReachable):
         pool.follow_map()
 
 
-# ---- one floor only ----
+def crowded(count: int) -> tuple[Place, DataPool]:
+    """So many robots on each floor, and a pool of the lower one."""
+    place = Place()
+    for number, floor in itertools.product(range(count), ("L1", "L2")):
+        place.world.add(robot(f"{floor}-{number}", floor, 4.0 + 1.0 * number, 1.5))
+    place.world.refresh()
+    return place, place.pool("L1")
 
 
 def reachable(pool: DataPool, place: Place) -> list[Any]:
@@ -238,11 +204,8 @@ def reachable(pool: DataPool, place: Place) -> list[Any]:
 
 
 def test_the_memory_is_that_of_one_floor() -> None:
-    place = Place()
-    for number, floor in itertools.product(range(4), ("L1", "L2")):
-        place.world.add(robot(f"{floor}-{number}", floor, 4.0 + 1.0 * number, 1.5))
-    place.world.refresh()
-    pool, sizes = place.pool("L1"), []
+    place, pool = crowded(4)
+    sizes = []
     for turn in range(20):
         before = weakref.ref(pool.snapshot())
         pool.change_floor("L2")
@@ -259,58 +222,122 @@ def test_the_memory_is_that_of_one_floor() -> None:
     assert {one.name for one in held if isinstance(one, Body)} == {"T1", *(f"L1-{number}" for number in range(4))}
     assert {one.name for one in held if isinstance(one, Wall)} == {"W1"}
     assert {one.name for one in held if isinstance(one, MapObject)} == {"T1", "S1"}
-    fresh = place.pool("L1")
-    fresh.follow()
-    place.world.occupants.robots["L1-0"].command(0.2, 0.0, 1.0, 0.5)
-    place.run(0.1)
-    fresh.follow()  # the pool remembers an update, too
-    assert abs(sizes[-1] - len(reachable(fresh, place))) <= 5
     assert max(sizes) - min(sizes) <= 5
 
 
 def test_readers_never_see_two_floors_at_once() -> None:
-    place = Place()
-    for floor in ("L1", "L2"):
-        for number in range(3):
-            place.world.add(robot(f"{floor}-{number}", floor, 4.0 + 1.0 * number, 1.5))
-    place.world.refresh()
-    pool = place.pool("L1")
+    place, pool = crowded(3)
     pool.follow()
     is_over = threading.Event()
-    wrong: list[Any] = []
     floors_seen: set[str] = set()
 
     def read() -> None:
         while not is_over.wait(0.0005):
             snapshot = pool.snapshot()
             floors_seen.add(snapshot.floor)
-            names = {item.name[:2] for item in snapshot.robots}
-            near = snapshot.robots_near(5.0, 1.5, 0.1)
-            if names != {snapshot.floor} or snapshot.walls is None or snapshot.walls.floor != snapshot.floor:
-                wrong.append((snapshot.floor, names))
-            if [other.name for _, other in near] != [f"{snapshot.floor}-1"] or len(snapshot.robots) != 3:
-                wrong.append((snapshot.floor, near))
+            assert snapshot.walls and snapshot.walls.floor == snapshot.floor
+            assert [item.name for item in snapshot.robots] == [f"{snapshot.floor}-{number}" for number in range(3)]
+            assert [other.name for _, other in snapshot.robots_near(5.0, 1.5, 0.1)] == [f"{snapshot.floor}-1"]
 
     def follow() -> None:
         while not is_over.wait(0.001):
             pool.follow()
 
-    threads = [threading.Thread(target=task, daemon=True) for task in (read, read, follow)]
-    for thread in threads:
-        thread.start()
-    for turn in range(60):
-        pool.change_floor(("L2", "L1")[turn % 2])
-    is_over.set()
-    for thread in threads:
-        thread.join(60.0)
-    assert wrong == []
+    with ThreadPoolExecutor() as threads:
+        tasks = [threads.submit(task) for task in (read, read, follow)]
+        for turn in range(60):
+            pool.change_floor(("L2", "L1")[turn % 2])
+        is_over.set()
+    for task in tasks:
+        task.result()
     assert floors_seen == {"L1", "L2"}
     assert pool.floor == "L1"
     pool.follow()
     assert same(pool, place)
 
 
-# ---- any events ----
+def is_followed(view: FloorView, pool: DataPool) -> bool:
+    """Whether a reader has the pool's content once it has got the changes since it read last."""
+    update = pool.snapshot().changes(view.version)
+    assert update.since == view.version
+    view.apply(update)
+    whole = FloorView(view.floor)
+    whole.apply(pool.snapshot().as_update())
+    assert (view.version, view.time, view.map_version) == (whole.version, whole.time, whole.map_version)
+    assert (view.bodies, view.elevators) == (whole.bodies, whole.elevators)
+    return np.array_equal(np.sort(view.motions, order="number"), np.sort(whole.motions, order="number"))
+
+
+def test_a_reader_follows_by_changes_however_seldom_it_asks() -> None:
+    place = populated("A", "B", "C")
+    world, pool, often, seldom = place.world, place.loaded_pool(), FloorView("L1"), FloorView("L1")
+    for view in (often, seldom):
+        view.apply(pool.snapshot().changes(WHOLE))
+    for happens in (
+        lambda: place.drive("A", 0.1),
+        lambda: world.remove("B"),
+        lambda: world.add(robot("D", x=5.0)),
+        lambda: world.place("C", Pose("L2", 2.0, 2.0, 0.0)),
+        lambda: world.place("C", Pose("L1", 2.0, 6.0, 0.0)),
+        lambda: world.place("T1", Pose("L1", 1.0, 8.0, 0.0)),
+        lambda: world.elevators.call("A", "E1", "L2"),
+        lambda: place.run(1.0),
+        lambda: world.remove("D"),
+    ):
+        happens()
+        world.refresh()
+        pool.follow()
+        assert is_followed(often, pool)
+    assert is_followed(seldom, pool)
+
+
+def test_only_what_moved_is_sent() -> None:
+    place = populated("A", "B")
+    pool = place.loaded_pool()
+    before = pool.snapshot()
+    place.drive("B", 0.1)
+    pool.follow()
+    update = pool.snapshot().changes(before.version)
+    assert update.motions["number"].tolist() == [place.world.occupants.robots["B"].number]
+    assert (update.came, update.went, update.elevators) == ([], [], {})
+    now = pool.snapshot()
+    nothing = now.changes(now.version)
+    assert (nothing.since, nothing.version, len(nothing.motions)) == (now.version, now.version, 0)
+    assert nothing.time == now.time > before.time
+    assert before.changes(before.version).time == before.time  # a snapshot stays as it was
+
+
+def test_an_unknown_version_gets_the_whole_floor() -> None:
+    place = populated("A")
+    pool = place.pool()
+    assert pool.snapshot().changes(5).version == WHOLE  # nothing is loaded yet
+    pool.follow()
+    now = pool.snapshot()
+    for version in (1, now.version - 1, now.version + 1):
+        assert now.changes(version).since == WHOLE
+    place.start_again()
+    pool.follow()  # the database does not know the pool's version
+    assert pool.snapshot().changes(now.version).since == WHOLE
+    place.drive("A", 0.1)
+    pool.follow()
+    now = pool.snapshot()
+    pool.change_floor("L2")
+    update = pool.snapshot().changes(now.version)
+    assert (update.floor, update.since) == ("L2", WHOLE)
+
+
+def test_memory_of_updates_is_bounded() -> None:
+    place = populated("A")
+    pool = place.loaded_pool()
+    first = pool.snapshot().version
+    for _ in range(MAX_UPDATES + 10):
+        place.drive("A", 0.02, (0.1, 0.0, 0.0))
+        pool.follow()
+    now = pool.snapshot()
+    assert len(now.recent) == MAX_UPDATES
+    assert now.changes(first).since == WHOLE
+    assert now.changes(now.recent[0].since).since == now.recent[0].since
+
 
 acts = st.lists(
     st.tuples(
@@ -355,6 +382,9 @@ def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str
         elif act in ("away", "back"):
             place.is_away = place.is_editor_away = act == "away"
         elif act == "restart":
+            if number == 3:  # another building, with other numbers for all bodies
+                world = place.world = SimulatedBuilding(furnished())
+                world.refresh()
             place.start_again()
         elif act == "follow":
             pool.follow()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -41,16 +42,12 @@ def source() -> Source:
     return Source()
 
 
-def test_readers_share_what_was_read(source: Source) -> None:
+def test_readers_share_what_was_read_of_the_floor_that_the_robot_is_on(source: Source) -> None:
     assert (source.names(), source.names(1.0), source.names(2.0)) == (["A", "B"], ["B"], [])
     assert source.calls == 1
     source.known["L1"] = [Posture("A", 4.0, (0.3,))]
     source.clock.now += KEPT_S
     assert (source.names(), source.calls) == (["A"], 2)
-
-
-def test_postures_are_those_of_the_floor_that_the_robot_is_on(source: Source) -> None:
-    source.names()
     source.floor = "L2"
     assert source.names() == ["C"]
     source.floor = "roof"
@@ -81,10 +78,8 @@ def test_nobody_waits_for_another_reader(source: Source) -> None:
         return source.postures(floor, time_s)
 
     source.answer = hang
-    reader = threading.Thread(target=source.names)
-    reader.start()
-    assert asked.wait(60.0)
-    assert source.names() == ["A", "B"]
-    answers.set()
-    reader.join(60.0)
-    assert not reader.is_alive()
+    with ThreadPoolExecutor() as threads:
+        threads.submit(source.names)
+        assert asked.wait(60.0)
+        assert source.names() == ["A", "B"]
+        answers.set()

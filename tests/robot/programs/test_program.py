@@ -18,7 +18,7 @@ from robocorba.planning.request import Place
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.programs.checker import Start, check
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
-from robocorba.robot.programs.icons import ICONS, Destination, HandOver, Result, Wait, kind
+from robocorba.robot.programs.icons import Destination, HandOver, Result, Wait, kind
 from robocorba.robot.programs.program import (
     MAX_BYTES,
     MAX_ICONS,
@@ -88,7 +88,6 @@ def refusal(text: str | bytes) -> tuple[str, str, str]:
         ('{"icons": [{"icon": "wait", "seconds": 1}]}', "", "name", "is missing"),
         ('{"name": "a"}', "", "icons", "is missing"),
         ('{"name": "a", "icons": []}', "", "icons", "length >= 1"),
-        ('{"name": "a", "icons": 3}', "", "icons", "got int"),
         ('{"name": "a", "name": "b", "icons": []}', "", "name", "duplicate"),
         ('{"name": "a", "format": 2, "icons": []}', "", "format", "2"),
         ('{"name": "a", "robot": "Other", "icons": []}', "", "robot", "Other"),
@@ -112,13 +111,11 @@ def one(icon: str) -> str:
         ('{"icon": "fly"}', "icon", "unknown icon 'fly'; known are mbase_path, mbase_to"),
         ('{"icon": "wait", "seconds": 1e999}', "seconds", "not a finite number"),
         ('{"icon": "wait", "seconds": %s}' % ("9" * 500_000), "seconds", "too large"),
-        ('{"icon": "wait", "seconds": "1"}', "seconds", "expected float, got str"),
         ('{"icon": "say", "type": "a", "payload": 99999999999999999999}', "payload", "too large"),
         ('{"icon": "say", "type": "a", "payload": {"b": "\\ud800"}}', "payload.b", "surrogate"),
         ('{"icon": "say", "type": "a", "payload": {"b": [NaN]}}', "payload.b[0]", "not a finite number"),
         ('{"icon": "say", "type": "a", "payload": %s}' % ("[" * 100 + "]" * 100), "payload" + "[0]" * 61, "64 deep"),
         ('{"icon": "wait_until", "seconds": 1, "condition": {"when": "moon"}}', "condition.when", "closer_than"),
-        ('{"icon": "wait_until", "seconds": 1, "condition": {"hand": "left"}}', "condition.when", "missing"),
         (
             '{"icon": "wait_until", "seconds": 1, "condition": {"when": "farther_than", "sensor": "eye"}}',
             "condition.sensor",
@@ -163,7 +160,6 @@ def test_load_reads_a_file(tmp_path: Path) -> None:
         (f'{HAND_OVER}], "robot": "SmartPal", "icons": [{HAND_OVER}', "not JSON"),
         (f"[{HAND_OVER}]", "icons"),
         ("", "not JSON"),
-        ("null", "icons"),
         (json.dumps(WAIT), "wait is not a cooperative icon; known are move_table, hand_over"),
         (json.dumps({"icon": "repeat", "times": 2, "icons": [json.loads(HAND_OVER)]}), "not a cooperative icon"),
         ('{"icon": "hand_over", "object": "cup"}', "taker"),
@@ -177,8 +173,6 @@ def test_a_mission_is_started_from_one_cooperative_icon_alone(text: str, reason:
         of_icon(text)
     assert reason in str(refused.value)
 
-
-# ---- the samples ----
 
 SAMPLES = Path(str(files("robocorba") / "samples"))
 
@@ -200,15 +194,6 @@ def test_a_sample_is_valid_in_its_building(name: str, building: str, start: Star
 def test_fetch_has_what_the_same_program_on_two_robots_shall_show() -> None:
     kinds = [kind(icon) for _, icon in icons_with_paths(load(SAMPLES / "fetch.json"))]
     assert {"mbase_path", "mhand_pose", "mhand_offset", "mhand_joints", "gripper", "stop_if_closer"} <= set(kinds)
-
-
-# ---- in Python ----
-
-
-def test_the_builder_has_a_method_for_each_icon() -> None:
-    builder = ProgramBuilder("a")
-    assert set(ICONS) <= set(dir(builder))
-    assert not hasattr(builder, "fly")
 
 
 @pytest.mark.parametrize(

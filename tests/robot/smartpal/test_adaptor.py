@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -158,17 +159,14 @@ def test_what_is_told_only_when_it_changes(units: Units, adaptor: SmartPalAdapto
 
 def test_stop_does_not_wait_for_a_write_that_hangs(units: Units, adaptor: SmartPalAdaptor) -> None:
     units.hold.clear()
-    answers: list[bool] = []
-    writer = threading.Thread(target=lambda: answers.append(adaptor.write(ActorCommand((0.3, 0.0, 0.0)))))
-    writer.start()
-    assert units.jogging.wait(60.0)
-    units.calls.clear()
-    assert adaptor.stop()
-    assert {order[1] for order in orders(units, "stop")} == set(Units.names)
-    units.hold.set()
-    writer.join(60.0)
-    # The jog came through after all: it was taken back.
-    assert answers == [False]
+    with ThreadPoolExecutor() as threads:
+        writing = threads.submit(adaptor.write, ActorCommand((0.3, 0.0, 0.0)))
+        assert units.jogging.wait(60.0)
+        units.calls.clear()
+        assert adaptor.stop()
+        assert {order[1] for order in orders(units, "stop")} == set(Units.names)
+        units.hold.set()
+    assert not writing.result()  # the jog came through after all: it was taken back
     assert not orders(units, "jog_arm")
     jogged = units.calls.index(("jog", 0.3, 0.0, 0.0))
     assert ("stop", "Mobility") in units.calls[jogged:]

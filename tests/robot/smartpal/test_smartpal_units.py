@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -151,11 +152,8 @@ def test_a_call_is_repeated_only_after_a_short_pause_of_this_process(
 
 
 def test_a_unit_that_is_not_to_be_found() -> None:
-    class Nobody:
-        def resolve_in_other_naming_service(self, naming: Address, name: str, *_: Any) -> Any:
-            raise NotReachable(f"the naming service at {naming} does not know {name}")
-
-    with pytest.raises(AdaptorFailed, match=r"does not know Mobility\.Unit"):
-        RemoteSmartPalUnits(Nobody(), HERE)  # type: ignore[arg-type]
+    orb = MagicMock(**{"resolve_in_other_naming_service.side_effect": NotReachable("Mobility.Unit is not known")})
+    with pytest.raises(AdaptorFailed, match=r"Mobility\.Unit is not known"):
+        RemoteSmartPalUnits(orb, HERE)
     with pytest.raises(InvalidSetting):
-        units_at(Nobody())("nowhere")  # type: ignore[arg-type]
+        units_at(orb)("nowhere")

@@ -41,7 +41,7 @@ moves = st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.intege
 
 
 @given(moves, st.floats(-math.pi, math.pi))
-@settings(deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_a_base_touches_and_does_not_enter_and_each_contact_counts_once(
     drives: list[tuple[float, float, int]], heading: float
 ) -> None:
@@ -108,8 +108,6 @@ def test_it_sees_where_it_is_whatever_its_odometry_says() -> None:
 def test_distances_have_noise_and_drop_outs() -> None:
     world = World([WALL], (0.0, 0.0, math.pi / 2), Noise(0.02, lost=0.2), seed=3)
     ahead = np.array([world.ranges("laser").distances[90] for _ in range(500)])
-    lost = ahead == 8.0
-    assert 0.1 < lost.mean() < 0.3
-    assert ahead[~lost].std() == pytest.approx(0.02, rel=0.2)
-    assert ahead[~lost].mean() == pytest.approx(2.0, abs=0.01)
-    assert world.sensor("laser").spec.noise == Noise(0.02, lost=0.2)
+    seen = ahead[ahead < 8.0]
+    assert 350 < len(seen) < 450
+    assert (seen.mean(), seen.std()) == (pytest.approx(2.0, abs=0.01), pytest.approx(0.02, rel=0.2))
