@@ -20,20 +20,12 @@ def advertisement(name: str, version: int, *peers: str, interest: tuple[Pattern,
     return Advertisement(name, version, peers, interest)
 
 
-def test_only_a_higher_version_is_news() -> None:
-    lab = Federation("lab")
-    lab.advertise(["hall"], ())
-    assert lab.learn([advertisement("hall", 5, "lab")])
-    assert not lab.learn([advertisement("hall", 5, "lab")])
-    assert not lab.learn([advertisement("hall", 4)])
-    assert "hall" in lab.ways("t", "s", "lab")
-    assert lab.learn([advertisement("hall", 6, "lab", interest=())])
-    assert "hall" not in lab.ways("t", "s", "lab")
-
-
-def test_a_change_or_a_restart_makes_a_new_version() -> None:
+def test_only_a_higher_version_is_news_and_a_change_or_a_restart_makes_one() -> None:
     lab = Federation("lab")
     assert lab.advertise(["hall"], WANTS_T)
+    for version, interest, is_news in ((5, WANTS_T, True), (5, WANTS_T, False), (4, (), False), (6, (), True)):
+        assert lab.learn([advertisement("hall", version, "lab", interest=interest)]) is is_news
+        assert ("hall" in lab.ways("t", "s", "lab")) is (version < 6)
     before = lab.own
     assert not lab.advertise(["hall"], WANTS_T)
     assert not lab.learn([before])  # its own comes back
@@ -98,8 +90,6 @@ def test_names_of_channels() -> None:
         assert refused.value.field == "peer"
 
 
-# ---- what a renewal carries ----
-
 #: Name and version of channels.
 VERSIONS = st.dictionaries(st.sampled_from("ABC"), st.integers(1, 4))
 
@@ -134,9 +124,6 @@ def test_the_advertisements_of_a_federation_are_listed_once_for_each_change() ->
     assert lab.advertisements is listed
     lab.learn([Advertisement("lab", 9 << 32, (), ())])  # of an earlier process
     assert lab.advertisements[0].version > 9 << 32
-
-
-# ---- two channels of one name ----
 
 
 def exchange(*federations: Federation) -> None:
