@@ -7,6 +7,7 @@ import itertools
 import threading
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -226,14 +227,11 @@ def test_scans_of_actual_robots_come_once_while_scans_are_wanted(
         return [scan("A", world.time_s, is_virtual=False)]
 
     monkeypatch.setattr(live, "_sensed", SimpleNamespace(read=read, actual=frozenset({"A"})))
-    assert [each.time for each in live.follow(0.0).scans] == [10.0]
-    assert live.follow(0.0).scans == []
-    world.time_s = 10.1
-    assert [each.is_virtual for each in live.follow(0.0).scans] == [False]
+    for time_s, wanted, came in ((10.0, True, [10.0]), (10.0, True, []), (10.1, True, [10.1]), (10.2, False, [])):
+        world.time_s, live.with_scans = time_s, wanted
+        found = live.follow(0.0).scans
+        assert [(each.time, each.is_virtual) for each in found] == [(time_s, False) for time_s in came]
     assert (asked, live.actual) == ([False] * 3, {"A"})
-    live.with_scans, world.time_s = False, 10.2
-    assert live.follow(0.0).scans == []
-    assert len(asked) == 3
 
 
 def test_continuous_lasers_are_of_virtual_robots_that_scan_nothing_themselves() -> None:
@@ -269,13 +267,6 @@ def test_a_server_that_restarts_is_waited_for_at_the_beginning(system: tuple[Wor
     assert live.begin(60.0).updates[0].since == WHOLE
 
 
-class NoOrb:
-    """Nothing is called: the pool has a source of its own."""
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *arguments, **options: None
-
-
 @pytest.fixture
 def place() -> Place:
     return Place()
@@ -286,7 +277,7 @@ def follower(place: Place, monkeypatch: pytest.MonkeyPatch) -> PoolFollower:
     """Of a pool with a source of its own: nothing is called."""
     for name, value in (("REST_INTERVAL_S", 600.0), ("ATTEND_LIMIT_S", 60.0)):
         monkeypatch.setattr(data_pool, name, value)
-    follower = PoolFollower(NoOrb(), "L1", rests=lambda: True)  # type: ignore[arg-type]
+    follower = PoolFollower(MagicMock(), "L1", rests=lambda: True)
     follower.pool = place.pool()
     return follower
 
