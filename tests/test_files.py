@@ -38,9 +38,7 @@ def mode_of(path: Path) -> int:
     return path.stat().st_mode & 0o7777
 
 
-def test_a_new_folder_is_private_and_that_of_an_earlier_release_mended(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_folder_is_private_and_an_earlier_one_is_mended(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     new, state = tmp_path / "a" / "state", tmp_path / "state"
     claim_state(new)
     (new / "file").touch()
@@ -140,9 +138,7 @@ def copy_of(file: Path) -> Path:
 
 
 @pytest.mark.parametrize("removed", [("",), SUFFIXES, (sqlite_files.LOG,), (sqlite_files.SHARED,)])
-def test_removed_files_are_written_again(
-    file: Path, removed: tuple[str, ...], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_removed_files_are_rewritten(file: Path, removed: tuple[str, ...], caplog: pytest.LogCaptureFixture) -> None:
     with opened(file) as store:
         store.save("kind", "before", 1)
         for suffix in removed:

@@ -228,11 +228,15 @@ def test_the_last_error_is_raised(timeout_s: float, errors: tuple[type[Exception
     assert time.monotonic() - began < 5.0
 
 
-def run_logging(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
-    """`code` in a process that logs to folder/test.log; logging belongs to a process as a whole."""
+def logging_to(folder: Path) -> str:
+    """The code by which a process begins to log to folder/test.log; logging belongs to a process as a whole."""
     begin = "import logging; from pathlib import Path; from robocorba.system import logs"
-    begin += f"; folder = Path({str(folder)!r})\nlogs.setup('test', folder)\n"
-    return subprocess.run([sys.executable, "-c", begin + code], capture_output=True, text=True, timeout=30)
+    return f"{begin}; folder = Path({str(folder)!r})\nlogs.setup('test', folder)\n"
+
+
+def run_logging(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", logging_to(folder) + code]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30)
 
 
 @given(st.text())
@@ -257,17 +261,14 @@ def test_an_event_is_a_line_with_time_level_and_process(tmp_path: Path) -> None:
 def test_nobody_waits_for_a_reader_of_stderr(tmp_path: Path) -> None:
     """A pipe holds 64 KiB; what does not fit is in the file, and counted when somebody reads again."""
     code = (
-        "import logging; from pathlib import Path; from robocorba.system import logs\n"
-        f"logs.setup('test', Path({str(tmp_path)!r}))\n"
-        "for number in range(2000): logging.warning('%d %s', number, 'x' * 100)\n"
+        f"{logging_to(tmp_path)}for number in range(2000): logging.warning('%d %s', number, 'x' * 100)\n"
         "logging.warning('y' * 5000)\n"
         "print('done', flush=True)\n"
         "input()\n"
         "logging.warning('last')"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen([sys.executable, "-c", code], **pipes, text=True) as process:
         assert process.stdout and process.stderr and process.stdin
         stdout, waiting = process.stdout, threading.Timer(60.0, process.kill)
         waiting.start()
@@ -284,9 +285,8 @@ def test_nobody_waits_for_a_reader_of_stderr(tmp_path: Path) -> None:
 
 
 def test_files_stay_bounded(tmp_path: Path) -> None:
-    run_logging(
-        tmp_path, "logs.MAX_BYTES = 1000; logs.setup('test', folder)\nfor n in range(200): logging.info('%d', n)"
-    )
+    lines = "for n in range(200): logging.info('%d', n)"
+    run_logging(tmp_path, f"logs.MAX_BYTES = 1000; logs.setup('test', folder)\n{lines}")
     files = sorted(tmp_path.iterdir())
     assert len(files) == 1 + logs.OLD_FILES
     assert all(file.stat().st_size <= 1000 for file in files)

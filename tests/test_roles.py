@@ -81,7 +81,7 @@ def test_each_role_finds_its_reference_and_names_are_listed_by_context(table: Na
     assert not table.is_context(ROBOTS)
 
 
-def test_a_robot_holds_its_name_while_it_announces_it_a_server_until_it_withdraws_it(
+def test_robots_hold_names_while_they_announce_them_servers_until_they_withdraw_them(
     table: NameTable, clock: Clock
 ) -> None:
     name = (*ROBOTS, "A")

@@ -206,9 +206,7 @@ def test_an_event_that_is_claimed_keeps_its_place(at: Setting, joins: bool) -> N
 
 
 @pytest.mark.parametrize(("problem", "shown"), [(DEAD, "it is dead"), (ValueError("a fault"), "internal fault")])
-def test_what_failed_is_sent_again_after_a_renewal_which_hides_no_problem(
-    at: Setting, problem: Exception, shown: str
-) -> None:
+def test_what_failed_is_sent_again_by_a_renewal_that_hides_nothing(at: Setting, problem: Exception, shown: str) -> None:
     """The gateway can call, and can't be called: the link is down until it has acknowledged a packet."""
     at.connect()
     at.gateway.problem = problem

@@ -115,9 +115,7 @@ def test_why_a_connection_ended_is_shown(link: ForeignLink, peer: ForeignChannel
     eventually(lambda: not link.problem, what="the next connection")
 
 
-def test_a_channel_that_returns_nothing_is_down_until_it_pushes(
-    link: ForeignLink, channel: Channel, peer: ForeignChannel
-) -> None:
+def test_a_channel_that_returns_nothing_is_down(link: ForeignLink, channel: Channel, peer: ForeignChannel) -> None:
     """Such as behind a firewall: it accepts connections, and cannot connect to us."""
     peer.returns = False
     publish(channel, 1)

@@ -112,13 +112,14 @@ def test_a_second_channel_of_the_same_name_takes_nothing_from_the_first_unless_i
 
 def test_invalid_names_of_peers() -> None:
     with Network("A") as network:
+        links = network["A"].links
         for name in ("A", "a/b"):
             with pytest.raises(InvalidPeer) as refused:
-                network["A"].links.add(Peer(name))
+                links.add(Peer(name))
             assert refused.value.field == "name"
-        assert network["A"].store.peers() == []
         with pytest.raises(UnknownPeer):
-            network["A"].links.remove("B")
+            links.remove("B")
+        assert network["A"].store.peers() == []
 
 
 def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
@@ -129,16 +130,11 @@ def test_a_renewal_overtaken_by_a_join_does_not_count_as_received() -> None:
         first, _ = links.join("B", "B", wire)
         assert [advertisement.name for advertisement in links.renew(first, 1, 0, [])] == ["A"]
         sessions = []
-        learn = links.learn
-
-        def overtaken(news: list[Advertisement]) -> None:
-            sessions.append(links.join("B", "B", wire)[0])
-            learn(news)
-
-        links.learn = overtaken  # type: ignore[method-assign]
-        with pytest.raises(SessionOver):
-            links.renew(first, 1, 0, [Advertisement("B", 1, ("A", "C"), ())])
-        links.learn = learn  # type: ignore[method-assign]
+        with pytest.MonkeyPatch.context() as patch:
+            learn = links.learn
+            patch.setattr(links, "learn", lambda news: (sessions.append(links.join("B", "B", wire)[0]), learn(news)))
+            with pytest.raises(SessionOver):
+                links.renew(first, 1, 0, [Advertisement("B", 1, ("A", "C"), ())])
         with pytest.raises(SessionOver):
             links.renew(first, 1, 0, [])
         assert [advertisement.name for advertisement in links.renew(sessions[0], 1, 0, [])] == ["A", "B"]
@@ -320,14 +316,11 @@ def test_what_waits_for_a_link_that_is_down_goes_by_the_other_way() -> None:
                     network[name].publish(published[name][-1])
                 pause(0.001)
 
-        def all_came() -> bool:
-            return all(len(consumer.read()) == sum(map(len, published.values())) for consumer in consumers.values())
-
         for _ in range(2):
             publish(100)
             network.cut.add(frozenset("AB"))
             publish(100)
-            eventually(all_came, what="all events by way of C")
+            check(network, consumers, published)  # all by way of C
             network.cut.clear()
         eventually(lambda: all(state.feed.is_up for state in states(network)), what="all links again")
         publish(1)
@@ -432,11 +425,10 @@ class Feed:
         self.refused = refused
         return [], self.joining
 
-    def leave(self) -> None:
+    def acknowledge(self, position: int = 0) -> None:
         pass
 
-    def acknowledge(self, position: int) -> None:
-        pass
+    leave = acknowledge
 
 
 class Alone:

@@ -287,9 +287,7 @@ def published() -> Published:
     return Published()
 
 
-def test_a_push_is_published_once_between_connect_and_end(
-    published: Published, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_push_is_published_once_while_connected(published: Published, caplog: pytest.LogCaptureFixture) -> None:
     one = ProxyConsumer(published.lock, "7", published.publish, published.has_had)
 
     def push(origin: str, first: int, *payloads: bytes) -> None:
@@ -341,9 +339,7 @@ def test_a_supplier_is_disconnected_after_max_failures_in_a_row(published: Publi
     assert published.reasons == [f"4 failures in a row ({error})"]
 
 
-def test_an_event_that_the_channel_does_not_take_is_counted_and_a_supplier_that_is_gone_is_lost(
-    published: Published,
-) -> None:
+def test_an_event_that_is_refused_is_counted_and_a_supplier_that_is_gone_is_lost(published: Published) -> None:
     refused = errors.EventTooLarge(9, 8), errors.InvalidEvent("type", "is empty")
     supplier = Supplier(*refused, supplied("t", b"a"), errors.ClientGone("gone"), supplied("t", b"b"))
     one = published.polled(supplier)

@@ -117,7 +117,7 @@ def test_concurrent_suppliers_call_a_consumer_one_after_another(channel: Channel
         (Refused("no"), [0, 2, 3], Account(received=4, delivered=3, discarded=1)),
     ],
 )
-def test_each_failure_is_counted_as_what_it_is(
+def test_each_failure_is_counted_so(
     channel: Channel, error: EventError, delivered: list[int], account: Account
 ) -> None:
     consumer = Consumer()
@@ -194,9 +194,7 @@ def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel:
     assert totals(first) == Account(received=25, delivered=10, discarded=15)
 
 
-def test_events_wait_in_order_or_expire_while_delivery_is_suspended_and_are_discarded_at_the_end(
-    channel: Channel,
-) -> None:
+def test_events_wait_in_order_or_expire_while_delivery_is_suspended_until_the_end(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
     publish(channel, 0)
@@ -442,9 +440,7 @@ def test_a_pull_behind_one_that_has_gone_is_served_and_the_rest_waits(channel: C
     assert [batch.payloads for batch in pulled(proxy)] == [[b"2"]]
 
 
-def test_of_a_bounded_number_of_pulls_the_last_is_served_first(
-    channel: Channel, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_of_a_few_pulls_that_wait_the_last_is_served_first(channel: Channel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("robocorba.events.proxy_supplier.MAX_PULLS", 2)
     proxy = pull_supplier_of(channel)
     first, second, third = (Pulling(proxy) for _ in range(3))
@@ -489,7 +485,7 @@ class IdempotentConsumer(Consumer):
     st.lists(st.integers(1, 4), min_size=1, max_size=15),
 )
 @REAL_THREADS
-def test_an_idempotent_consumer_gets_all_once_and_in_order(
+def test_idempotent_consumers_get_all_once_in_order(
     channel: Channel, outcomes: list[str], published: list[int]
 ) -> None:
     bounded: list[str] = []

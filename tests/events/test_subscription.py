@@ -92,9 +92,7 @@ def test_matches_of_disjunctions_and_conjunctions() -> None:
         ("", [([("a", "")], 0.0)] * 201),
     ],
 )
-def test_an_invalid_subscription_names_its_place(
-    where: str, clauses: list[tuple[list[tuple[str, str]], float]]
-) -> None:
+def test_an_invalid_subscription_is_named(where: str, clauses: list[tuple[list[tuple[str, str]], float]]) -> None:
     with pytest.raises(InvalidSubscription) as refused:
         checked(clauses)
     assert refused.value.where == where

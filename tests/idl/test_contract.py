@@ -118,9 +118,7 @@ def test_the_last_release_is_this_one_or_earlier(contract: ModuleType) -> None:
         ("exception Refused", "struct Size { long all; }; exception Refused", ""),
     ],
 )
-def test_what_breaks_compiled_clients_is_named(
-    contract: ModuleType, example: Example, old: str, new: str, named: str
-) -> None:
+def test_what_breaks_clients_is_named(contract: ModuleType, example: Example, old: str, new: str, named: str) -> None:
     before, now = example(old, new)
     assert [found.partition(" ")[0].rstrip(":") for found in contract.broken(before, now)] == [named] * bool(named)
     assert contract.broken(now, now) == []

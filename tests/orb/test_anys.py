@@ -78,10 +78,9 @@ def long_tree(count: int) -> bytes:
     return TREE + (name + struct.pack("<I", 1)) * count + name + struct.pack("<I", 0)
 
 
+#: Of types with stubs here, which other random ones have not, and as programs make them.
 ANYS = [
-    *(CORBA.Any(CORBA.TC_null, None), CORBA.Any(CORBA.TC_double, 0.1), CORBA.Any(CORBA.TC_string, "žluť")),
-    *(CORBA.Any(CORBA.TC_wstring, "řeč 机器人"), CORBA.Any(CORBA.TC_any, CORBA.Any(CORBA.TC_long, 3))),
-    CORBA.Any(CORBA.TC_TypeCode, RoboCorba._tc_Element),
+    *(CORBA.Any(CORBA.TC_TypeCode, RoboCorba._tc_Element), CORBA.Any(CORBA.TC_wstring, "řeč 机器人")),
     CORBA.Any(RoboCorba._tc_Element, RoboCorba.Element(aNode=RoboCorba.PathNode("n", RoboCorba.XY(1.0, 2.0), ""))),
     *(CORBA.Any(RoboCorba._tc_ProxyKind, RoboCorba.PULL_CONSUMER), CORBA.Any(RoboCorba._tc_EventChannel, None)),
     *(anys.to_any([1, 2, 3]), anys.to_any({"a": [1, "x"], "b": anys.to_any(2.5)})),

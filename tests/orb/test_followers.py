@@ -282,9 +282,7 @@ def follower(place: Place, monkeypatch: pytest.MonkeyPatch) -> PoolFollower:
     return follower
 
 
-def test_a_reader_wakes_a_pool_that_rests(
-    place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reader_wakes_a_resting_pool(place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(data_pool, "ATTENTION_S", 0.0)
     with contextlib.closing(follower.start()):
         eventually(lambda: follower.pool.snapshot(), 60.0, "the first content")

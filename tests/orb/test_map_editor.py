@@ -82,9 +82,7 @@ def servant(store: MapStore, clock: Clock, counting: CountingOrb) -> MapEditorSe
     return servant_of(editor, counting, clock)
 
 
-def test_abandoned_transactions_time_out_and_closed_ones_are_deactivated(
-    servant: MapEditorServant, clock: Clock, counting: CountingOrb
-) -> None:
+def test_abandoned_and_closed_transactions_end(servant: MapEditorServant, clock: Clock, counting: CountingOrb) -> None:
     for _ in range(5):
         left = [servant.begin() for _ in range(32)]
         with pytest.raises(RoboCorba.TooManyTransactions):

@@ -323,7 +323,7 @@ def test_a_robot_that_was_logged_off_logs_on_where_it_is_now(
     assert server.started_on == floors
 
 
-def test_heartbeats_after_calls_are_left_out(
+def test_heartbeats_after_calls_are_spared(
     session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = 100.0
