@@ -6,9 +6,11 @@ import itertools
 import time
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from robocorba.errors.events import InvalidPeer
-from robocorba.events.federation import Advertisement, Federation, check_name
+from robocorba.events.federation import Advertisement, Federation, KnownAdvertisements, check_name
 from robocorba.events.subscription import Pattern
 
 WANTS_T = (Pattern("t"),)
@@ -86,6 +88,19 @@ def test_names_of_channels() -> None:
         with pytest.raises(InvalidPeer) as refused:
             check_name(name, "peer")
         assert refused.value.field == "peer"
+
+
+@given(st.lists(st.tuples(st.dictionaries(st.sampled_from("ABC"), st.integers(1, 4)), st.booleans())))
+def test_the_other_end_lacks_what_is_newer_than_it_had(steps: list[tuple[dict[str, int], bool]]) -> None:
+    known, had = KnownAdvertisements(), dict.fromkeys("ABC", 0)
+    for versions, arrives in steps:
+        advertisements = [Advertisement(name, version, (), ()) for name, version in versions.items()]
+        newer = [entry for entry in advertisements if entry.version > had[entry.name]]
+        assert known.missing(advertisements) == known.missing(advertisements) == newer
+        if arrives:
+            known.add(newer)
+            had.update((entry.name, entry.version) for entry in newer)
+            assert known.missing(advertisements) == []
 
 
 def exchange(*federations: Federation) -> None:
