@@ -80,14 +80,10 @@ def client_of(kind: ProxyKind) -> Any:
     return Supplier() if kind in (ProxyKind.PUSH_CONSUMER, ProxyKind.PULL_CONSUMER) else Consumer()
 
 
-@pytest.mark.parametrize(
-    ("kind", "client"),
-    [
-        *((kind, client_of(kind)) for kind in ProxyKind),
-        (ProxyKind.PUSH_CONSUMER, None),
-        (ProxyKind.PULL_SUPPLIER, None),
-    ],
-)
+NAMELESS = (ProxyKind.PUSH_CONSUMER, None), (ProxyKind.PULL_SUPPLIER, None)
+
+
+@pytest.mark.parametrize(("kind", "client"), [*((kind, client_of(kind)) for kind in ProxyKind), *NAMELESS])
 def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: ProxyKind, client: Any) -> None:
     proxy = lab.proxies.obtain(kind)
     assert lab.proxies.snapshot(proxy).condition is ProxyCondition.WAITING
@@ -119,12 +115,12 @@ def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Proxy
 
 
 def test_destroy_notifies_all_clients_once_and_refuses_later_calls(lab: Lab) -> None:
-    clients = {kind: client_of(kind) for kind in ProxyKind}
-    for kind, client in clients.items():
+    clients = [client_of(kind) for kind in ProxyKind]
+    for kind, client in zip(ProxyKind, clients, strict=True):
         lab.proxies.connect(lab.proxies.obtain(kind), client)
     waiting = lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
     lab.proxies.destroy()
-    assert {client.disconnections for client in clients.values()} == {1}
+    assert [client.disconnections for client in clients] == [1] * len(ProxyKind)
     for act in (
         lab.proxies.destroy,
         lambda: lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER),
@@ -238,8 +234,8 @@ def test_events_that_come_during_a_change_of_a_conjunction_reach_the_others(lab:
     lab.proxies.subscribe("", other, wanting("a"), POLICY)
     supplier = lab.proxies.supply("A")
     supplier.push(supplied("a", b"before"))
-    lab.proxies._store.save_proxy = lambda stored: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
-    lab.proxies._store.forget_proxy = lambda id: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
+    for write in ("save_proxy", "forget_proxy"):
+        setattr(lab.proxies._store, write, lambda stored: supplier.push(supplied("a", b"meanwhile")))
     if change == "select":
         lab.proxies.change(proxy, ALL)
     else:
@@ -378,9 +374,9 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         assert isinstance(again, ProxyPushSupplier) and again.totals().queued == 1
         lab.proxies.suspend(again, False)
         eventually(lambda: consumer.payloads == [b"1"])
+        fresh = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
+        assert isinstance(fresh, ProxyConsumer) and fresh.id not in {*before, ended.id}
         with pytest.raises(errors.Disconnected):
-            fresh = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
-            assert isinstance(fresh, ProxyConsumer) and fresh.id not in {*before, ended.id}
             fresh.push(supplied("t", b"x"))
 
 

@@ -186,20 +186,22 @@ def test_a_floor_that_is_gone_becomes_empty_once(system: tuple[World, LiveSystem
     """Else viewers and recordings keep its robots beside those of the floor that has its robots now. Floors come whole
     after updates that nobody has seen."""
     world, live = system
+
+    def fail_once() -> None:
+        world.is_away = True
+        with pytest.raises(NotReachable):
+            live.follow(0.0)
+        world.is_away = False
+
     assert [(update.floor, update.since) for update in live.follow(0.0).updates] == [("L1", WHOLE)]
     assert live.follow(0.0).updates[0].since == 1
-    world.floor, world.time_s, world.is_away = "ground", 10.5, True
-    with pytest.raises(NotReachable):
-        live.follow(0.0)
-    world.is_away = False
+    world.floor, world.time_s = "ground", 10.5
+    fail_once()
     here, gone = live.follow(0.0).updates
     assert (here.floor, gone.floor, gone.since, gone.time) == ("ground", "L1", WHOLE, 10.5)
     assert (gone.came, len(gone.motions), gone.elevators) == ([], 0, {})
     assert [(update.floor, update.since > 0) for update in live.follow(0.0).updates] == [("ground", True)]
-    world.is_away = True
-    with pytest.raises(NotReachable):
-        live.follow(0.0)
-    world.is_away = False
+    fail_once()
     assert [update.since for update in live.follow(0.0).updates] == [WHOLE]
 
 
