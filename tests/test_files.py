@@ -38,15 +38,12 @@ def mode_of(path: Path) -> int:
     return path.stat().st_mode & 0o7777
 
 
-def test_a_new_folder_and_what_is_made_later_are_private(tmp_path: Path) -> None:
-    state = tmp_path / "a" / "state"
-    claim_state(state)
-    (state / "file").touch()
-    assert (mode_of(state), mode_of(state / "file")) == (0o700, 0o600)
-
-
-def test_the_folder_of_an_earlier_release_is_mended(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    state = tmp_path / "state"
+def test_a_folder_is_private_and_an_earlier_one_is_mended(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    new, state = tmp_path / "a" / "state", tmp_path / "state"
+    claim_state(new)
+    (new / "file").touch()
+    assert (mode_of(new), mode_of(new / "file"), caplog.text) == (0o700, 0o600, "")
+    os.umask(0o022)
     (state / "logs").mkdir(parents=True)
     for name in ("lock", "simulation.sqlite", "simulation.sqlite-wal", "up.json"):
         (state / name).touch()
@@ -68,13 +65,12 @@ def test_a_folder_that_is_there_for_more_keeps_its_mode(tmp_path: Path) -> None:
         os.umask(0o022)
         folder = tmp_path / name
         folder.mkdir()
-        (folder / "thesis.tex").touch()
-        (folder / "simulation.sqlite").touch()
+        thesis, database = folder / "thesis.tex", folder / "simulation.sqlite"
+        thesis.touch()
+        database.touch()
         folder.chmod(before)
         claim_state(folder)
-        assert mode_of(folder) == before
-        assert mode_of(folder / "thesis.tex") == 0o644
-        assert mode_of(folder / "simulation.sqlite") == 0o600
+        assert [mode_of(path) for path in (folder, thesis, database)] == [before, 0o644, 0o600]
 
 
 def test_a_folder_of_others_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,9 +138,7 @@ def copy_of(file: Path) -> Path:
 
 
 @pytest.mark.parametrize("removed", [("",), SUFFIXES, (sqlite_files.LOG,), (sqlite_files.SHARED,)])
-def test_removed_files_are_written_again(
-    file: Path, removed: tuple[str, ...], caplog: pytest.LogCaptureFixture
-) -> None:
+def test_removed_files_are_rewritten(file: Path, removed: tuple[str, ...], caplog: pytest.LogCaptureFixture) -> None:
     with opened(file) as store:
         store.save("kind", "before", 1)
         for suffix in removed:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import io
+import itertools
 import json
 import re
 import subprocess
@@ -133,33 +134,32 @@ def test_each_form_gives_the_type_and_what_is_wrong_is_named() -> None:
     assert decode_json('{"x": 1}', Point) == Point(1.0)
     assert decode_msgpack(msgspec.msgpack.encode([{"x": 1}]), list[Point]) == [Point(1.0)]
     assert convert({"a": {"x": 1, "y": 2}}, dict[str, Point]) == {"a": Point(1.0, 2.0)}
-    with pytest.raises(msgspec.ValidationError, match=r"\$\.x"):
-        decode_json(b'{"x": "1"}', Point)
-    with pytest.raises(msgspec.ValidationError, match=r"\$\[0\]\.x"):
-        convert([{"x": None}], list[Point])
-    with pytest.raises(msgspec.DecodeError):
-        decode_msgpack(b"", Point)
+    for decode, content, kind, place in (
+        (decode_json, b'{"x": "1"}', Point, r"\$\.x"),
+        (convert, [{"x": None}], list[Point], r"\$\[0\]\.x"),
+        (decode_msgpack, b"", Point, "truncated"),
+    ):
+        with pytest.raises(msgspec.DecodeError, match=place):
+            decode(content, kind)
 
 
 class Anything(msgspec.Struct):
     x: Any = None
 
 
-@pytest.mark.parametrize("depth", [10_000, 1_000_000])
-def test_what_is_nested_too_deeply_is_invalid(depth: int) -> None:
-    with pytest.raises(msgspec.DecodeError, match="nested too deeply"):
-        decode_json(b'{"x": ' + b"[" * depth + b"]" * depth + b"}", Anything)
-    with pytest.raises(msgspec.DecodeError, match="nested too deeply"):
-        decode_msgpack(b"\x81\xa1x" + b"\x91" * depth + b"\x90", Anything)
+def test_what_is_nested_too_deeply_is_invalid() -> None:
+    for depth in (10_000, 1_000_000):
+        with pytest.raises(msgspec.DecodeError, match="nested too deeply"):
+            decode_json(b'{"x": ' + b"[" * depth + b"]" * depth + b"}", Anything)
+        with pytest.raises(msgspec.DecodeError, match="nested too deeply"):
+            decode_msgpack(b"\x81\xa1x" + b"\x91" * depth + b"\x90", Anything)
 
 
 @given(data=st.binary(max_size=200))
 def test_any_bytes_are_decoded_or_invalid(data: bytes) -> None:
-    for decode in (decode_json, decode_msgpack):
+    for decode, begin in itertools.product((decode_json, decode_msgpack), (b"", b"\x81\xa1x")):
         with contextlib.suppress(msgspec.DecodeError, ValueError):
-            decode(data, Anything)
-        with contextlib.suppress(msgspec.DecodeError, ValueError):
-            decode(b"\x81\xa1x" + data, Anything)
+            decode(begin + data, Anything)
 
 
 def test_a_file_without_an_end_is_refused(tmp_path: Path) -> None:
@@ -178,6 +178,12 @@ def test_names_are_allowed_unique_and_stay(names: list[str]) -> None:
     assert all(re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and "__" not in name for name in found)
     assert len(set(found)) == len(names)
     assert [ros[name] for name in names] == found
+
+
+def test_names_that_ros_allows_stay() -> None:
+    names = [plain_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")]
+    assert names == ["A", "robot_7", "_2nd_floor", "l_t_", "a_b"]
+    assert (names_in("A, B,"), names_in("")) == ({"A", "B"}, None)
 
 
 EVIL = "\x1b[2Jname\x9b1m\x07\u202e\u2066\r"
@@ -211,10 +217,3 @@ def test_tables_keep_their_own_styles_only() -> None:
     printed = out.getvalue()
     assert "\\x1b[2Jname\\u009b1m" in printed and "\x1b[1m" in printed
     assert not {"\x1b[2J", "\x9b", "\x07", "\u202e"} & {printed[i : i + n] for i in range(len(printed)) for n in (1, 4)}
-
-
-def test_names_that_ros_allows_stay() -> None:
-    names = [plain_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")]
-    assert names == ["A", "robot_7", "_2nd_floor", "l_t_", "a_b"]
-    assert names_in("A, B,") == {"A", "B"}
-    assert names_in("") is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import queue
 import runpy
@@ -49,23 +50,18 @@ def open_store(house: Path) -> KernelStore:
     return KernelStore(house, house.parent / "cache")
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_kernels_are_those_of_their_sources(house: Path, name: str) -> None:
+def test_kernels_are_those_of_their_sources_a_compiler_and_a_processor(house: Path) -> None:
     """Of their own modules, and of what these import; other edits keep them."""
     before = open_store(house).folder
-    (house / name).write_text(FILES[name] + "#\n")
-    assert (open_store(house).folder == before) == (name in ("plain.py", "stubs/made.py"))
-    (house / name).write_text(FILES[name])
-    assert open_store(house).folder == before
-
-
-@pytest.mark.parametrize("what", ["_compiler", "_processor"])
-def test_kernels_are_those_of_a_compiler_and_a_processor(
-    house: Path, monkeypatch: pytest.MonkeyPatch, what: str
-) -> None:
-    before = open_store(house).folder
-    monkeypatch.setattr(kernel_store, what, lambda: "another")
-    assert open_store(house).folder != before
+    for name, text in FILES.items():
+        (house / name).write_text(text + "#\n")
+        assert (open_store(house).folder == before) == (name in ("plain.py", "stubs/made.py")), name
+        (house / name).write_text(text)
+        assert open_store(house).folder == before
+    for what in ("_compiler", "_processor"):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(kernel_store, what, lambda: "another")
+            assert open_store(house).folder != before
 
 
 def test_what_is_missing_and_when_all_are_there(house: Path) -> None:
@@ -74,19 +70,16 @@ def test_what_is_missing_and_when_all_are_there(house: Path) -> None:
     sizes = kernels.missing
     assert sizes.keys() == {"house.grids.first", "house.grids.second"}
     assert sizes["house.grids.first"] > sizes["house.grids.second"] > 0
-    part = kernels.folder / "house_0123456789"
-    part.mkdir(parents=True)
-    (part / "grids.first-7.py311.nbi").touch()
-    (part.with_name("other_01") / "grids.second-7.py311.nbi").parent.mkdir()
-    (part.with_name("other_01") / "grids.second-7.py311.nbi").touch()
+    for name in ("house_0123456789/grids.first-7.py311.nbi", "other_01/grids.second-7.py311.nbi"):
+        (kernels.folder / name).parent.mkdir(parents=True)
+        (kernels.folder / name).touch()
     assert kernels.missing.keys() == {"house.grids.second"}
-    assert not open_store(house).is_complete
-    kernels.set_complete()
+    for each, is_complete in ((open_store(house), True), (KernelStore(house, None), False)):
+        assert not each.is_complete
+        each.set_complete()
+        assert each.is_complete is is_complete
     assert open_store(house).is_complete
-    nowhere = KernelStore(house, None)
-    nowhere.set_complete()
-    assert not nowhere.is_complete
-    assert len(nowhere.missing) == 2
+    assert len(KernelStore(house, None).missing) == 2
 
 
 @pytest.mark.parametrize("ahead_s", [1.0, -1.0, 365 * 86400.0, -365 * 86400.0])
@@ -110,10 +103,11 @@ def test_versions_that_were_used_longest_ago_make_room(house: Path, ahead_s: flo
 
 
 def test_where_the_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture) -> None:
-    """What is in it is run, so nobody else may write to it."""
-    (tmp_path / "file").touch()
-    (tmp_path / "shared").mkdir()
-    (tmp_path / "shared").chmod(0o777)
+    """What is in it is run, so nobody else may write to it: also not to one in the folder of temporary files."""
+    (tmp_path / "file").touch()  # no folder can be created in it
+    for name in ("shared", "planted"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name).chmod(0o777)
     for name, found in (("chosen", tmp_path / "chosen"), ("file", None), ("shared", None)):
         monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / name))
         assert cache_folder() == found
@@ -121,11 +115,6 @@ def test_where_the_folder_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ca
     monkeypatch.delenv("NUMBA_CACHE_DIR")
     monkeypatch.setattr(kernel_store.platformdirs, "user_cache_path", lambda name: tmp_path / "user" / name)
     assert cache_folder() == tmp_path / "user" / "robocorba" / "kernels"
-
-
-def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
-    (tmp_path / "file").touch()  # no folder can be created in it
     monkeypatch.setattr(kernel_store.platformdirs, "user_cache_path", lambda name: tmp_path / "file")
     monkeypatch.setattr(kernel_store.tempfile, "gettempdir", lambda: str(tmp_path))
     own = tmp_path / f"robocorba-{os.getuid()}" / "kernels"
@@ -134,8 +123,6 @@ def test_a_temporary_folder_of_somebody_else_is_not_used(tmp_path: Path, monkeyp
     assert cache_folder() is None
     own.parent.chmod(0o700)
     own.rmdir()
-    (tmp_path / "planted").mkdir(mode=0o777)
-    (tmp_path / "planted").chmod(0o777)
     own.symlink_to(tmp_path / "planted")
     assert cache_folder() is None
 
@@ -223,13 +210,13 @@ def test_a_source_that_is_written_again_keeps_its_kernels(tmp_path: Path) -> Non
     assert found == [(2, 0), (2, 1)]
 
 
-@pytest.mark.parametrize("pattern", ["*.nbi", "*.nbc"])
-@pytest.mark.parametrize("content", [b"", b"damaged", bytes(100)])
-def test_damaged_files_are_replaced(tmp_path: Path, pattern: str, content: bytes) -> None:
+def test_damaged_files_are_replaced(tmp_path: Path) -> None:
     compiled(tmp_path)(2)
-    (path,) = tmp_path.rglob(pattern)
-    path.write_bytes(content)
-    assert [(again(2), hits(again)) for again in (compiled(tmp_path), compiled(tmp_path))] == [(4, 0), (4, 1)]
+    for pattern, content in itertools.product(("*.nbi", "*.nbc"), (b"", b"damaged", bytes(100))):
+        (path,) = tmp_path.rglob(pattern)
+        path.write_bytes(content)
+        again = compiled(tmp_path), compiled(tmp_path)
+        assert [(each(2), hits(each)) for each in again] == [(4, 0), (4, 1)], (pattern, content)
 
 
 def test_kernels_run_where_they_cannot_be_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

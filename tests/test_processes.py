@@ -117,17 +117,6 @@ def test_signals_do_afterwards_what_they_did_before() -> None:
     still_there.close()
 
 
-def test_many_reasons_to_stop_are_kept_as_few() -> None:
-    latch = StopLatch()
-    for number in range(3 * MAX_REASONS):
-        latch.stop(f"reason {number}")
-    assert len(latch.reasons) == MAX_REASONS
-    latch.end(3 * MAX_REASONS - 1)
-    assert latch.is_on
-    latch.end(3 * MAX_REASONS)
-    assert not latch.is_on
-
-
 class Latch(RuleBasedStateMachine):
     """An end may name any number, also one that an earlier look has returned."""
 
@@ -164,6 +153,16 @@ class Latch(RuleBasedStateMachine):
 TestLatch = Latch.TestCase
 
 
+def test_many_reasons_to_stop_are_kept_as_few() -> None:
+    latch = StopLatch()
+    for number in range(3 * MAX_REASONS):
+        latch.stop(f"reason {number}")
+    assert len(latch.reasons) == MAX_REASONS
+    for last, is_on in ((3 * MAX_REASONS - 1, True), (3 * MAX_REASONS, False)):
+        latch.end(last)
+        assert latch.is_on is is_on
+
+
 @pytest.fixture
 def two_blocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[range]:
     """The only blocks to choose from; free, as nothing else uses what is reserved here."""
@@ -175,6 +174,8 @@ def two_blocks(monkeypatch: pytest.MonkeyPatch) -> Iterator[range]:
 
 
 def test_each_claim_gets_its_own_free_ports(two_blocks: range) -> None:
+    # Below those that Linux gives to connections by default.
+    assert ports.BLOCKS.stop <= 32768
     with claimed_ports() as first, claimed_ports() as second:
         assert {first, second} == set(two_blocks)
         with pytest.raises(StartFailed, match="no 6 successive ports"), claimed_ports():
@@ -190,10 +191,6 @@ def test_each_claim_gets_its_own_free_ports(two_blocks: range) -> None:
             stack.enter_context(socket.create_server((HOST, port)))
         with pytest.raises(OSError), socket.socket() as other:
             other.bind((HOST, first + 5))
-
-
-def test_the_ports_lie_below_those_that_linux_gives_to_connections_by_default() -> None:
-    assert ports.BLOCKS.stop <= 32768
 
 
 QUICK = Backoff(0.001, 0.002)
@@ -231,16 +228,15 @@ def test_the_last_error_is_raised(timeout_s: float, errors: tuple[type[Exception
     assert time.monotonic() - began < 5.0
 
 
-def run_logging(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
-    """`code` in a process that logs to folder/test.log; logging belongs to a process as a whole."""
+def logging_to(folder: Path) -> str:
+    """The code by which a process begins to log to folder/test.log; logging belongs to a process as a whole."""
     begin = "import logging; from pathlib import Path; from robocorba.system import logs"
-    begin += f"; folder = Path({str(folder)!r})"
-    return subprocess.run(
-        [sys.executable, "-c", f"{begin}\nlogs.setup('test', folder)\n{code}"],
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
+    return f"{begin}; folder = Path({str(folder)!r})\nlogs.setup('test', folder)\n"
+
+
+def run_logging(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", logging_to(folder) + code]
+    return subprocess.run(command, capture_output=True, text=True, timeout=30)
 
 
 @given(st.text())
@@ -265,17 +261,14 @@ def test_an_event_is_a_line_with_time_level_and_process(tmp_path: Path) -> None:
 def test_nobody_waits_for_a_reader_of_stderr(tmp_path: Path) -> None:
     """A pipe holds 64 KiB; what does not fit is in the file, and counted when somebody reads again."""
     code = (
-        "import logging; from pathlib import Path; from robocorba.system import logs\n"
-        f"logs.setup('test', Path({str(tmp_path)!r}))\n"
-        "for number in range(2000): logging.warning('%d %s', number, 'x' * 100)\n"
+        f"{logging_to(tmp_path)}for number in range(2000): logging.warning('%d %s', number, 'x' * 100)\n"
         "logging.warning('y' * 5000)\n"
         "print('done', flush=True)\n"
         "input()\n"
         "logging.warning('last')"
     )
-    with subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen([sys.executable, "-c", code], **pipes, text=True) as process:
         assert process.stdout and process.stderr and process.stdin
         stdout, waiting = process.stdout, threading.Timer(60.0, process.kill)
         waiting.start()
@@ -292,9 +285,8 @@ def test_nobody_waits_for_a_reader_of_stderr(tmp_path: Path) -> None:
 
 
 def test_files_stay_bounded(tmp_path: Path) -> None:
-    run_logging(
-        tmp_path, "logs.MAX_BYTES = 1000; logs.setup('test', folder)\nfor n in range(200): logging.info('%d', n)"
-    )
+    lines = "for n in range(200): logging.info('%d', n)"
+    run_logging(tmp_path, f"logs.MAX_BYTES = 1000; logs.setup('test', folder)\n{lines}")
     files = sorted(tmp_path.iterdir())
     assert len(files) == 1 + logs.OLD_FILES
     assert all(file.stat().st_size <= 1000 for file in files)

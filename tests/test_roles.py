@@ -81,39 +81,40 @@ def test_each_role_finds_its_reference_and_names_are_listed_by_context(table: Na
     assert not table.is_context(ROBOTS)
 
 
-def test_a_robot_holds_its_name_while_it_announces_it(table: NameTable, clock: Clock) -> None:
+def test_robots_hold_names_while_they_announce_them_servers_until_they_withdraw_them(
+    table: NameTable, clock: Clock
+) -> None:
     name = (*ROBOTS, "A")
-    table.announce(Role.ROBOT, name, {Role.OBSERVER: "mine"}, MINE)
+
+    def announce(role: Role, reference: str, secret: str) -> None:
+        table.announce(role, name, {Role.OBSERVER: reference}, secret)
+
+    announce(Role.ROBOT, "mine", MINE)
     for _ in range(3):
         clock.now += HOLD_S - 0.1
-        with pytest.raises(NameHeld):
-            table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
-        with pytest.raises(NameHeld):
-            table.withdraw(Role.ROBOT, name, THEIRS)
-        table.announce(Role.ROBOT, name, {Role.OBSERVER: "mine"}, MINE)
+        for act in (lambda: announce(Role.ROBOT, "theirs", THEIRS), lambda: table.withdraw(Role.ROBOT, name, THEIRS)):
+            with pytest.raises(NameHeld):
+                act()
+        announce(Role.ROBOT, "mine", MINE)
     assert table.find(Role.OBSERVER, name) == "mine"
     clock.now += HOLD_S
-    table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
+    announce(Role.ROBOT, "theirs", THEIRS)
     assert table.find(Role.OBSERVER, name) == "theirs"
-
-
-def test_a_server_holds_its_name_until_it_withdraws_it(table: NameTable, clock: Clock) -> None:
-    name = (*ROBOTS, "A")
-    table.announce(Role.SERVER, name, {Role.OBSERVER: "mine"}, MINE)
+    clock.now += HOLD_S
+    announce(Role.SERVER, "mine", MINE)
     clock.now += 100 * HOLD_S
     with pytest.raises(NameHeld):
-        table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
+        announce(Role.ROBOT, "theirs", THEIRS)
     table.withdraw(Role.SERVER, name, MINE)
-    table.announce(Role.ROBOT, name, {Role.OBSERVER: "theirs"}, THEIRS)
+    announce(Role.ROBOT, "theirs", THEIRS)
 
 
 def test_bindings_that_are_invalid(table: NameTable) -> None:
     """Robots bind names of robots only, a name is not a context, and a secret is long."""
     table.announce(Role.SERVER, ("a", "b"), {Role.OBSERVER: 1}, MINE)
+    not_robots = (("RoboCorba", "MapEditor"), ROBOTS, (*ROBOTS, "A", "pool"), ("A",), ("RoboCorba", "Robots2", "s1"))
     for role, path, secret in (
-        *((Role.ROBOT, path, MINE) for path in (("RoboCorba", "MapEditor"), ROBOTS, (*ROBOTS, "A", "pool"), ("A",))),
-        *((Role.ROBOT, path, MINE) for path in (("RoboCorba", "VirtualSensors", "s1"), (*ROBOTS, ""))),
-        (Role.ROBOT, (*ROBOTS, "x" * (MAX_PART + 1)), MINE),
+        *((Role.ROBOT, path, MINE) for path in (*not_robots, (*ROBOTS, ""), (*ROBOTS, "x" * (MAX_PART + 1)))),
         *((Role.SERVER, path, MINE) for path in (("a",), ("a", "b", "c"))),
         (Role.ROBOT, (*ROBOTS, "A"), "short"),
     ):

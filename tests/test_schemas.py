@@ -25,6 +25,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 IDLE = subplan.SubPlan(
     "B", "helper", (subplan.Idle(), subplan.CallCabin(elevator="E", destination="2", party="m", size=2))
 )
+MEASURED = messages.MemberMeasurements(0.1, 0.001, [(1.0, 0.5)], 0.002)
 MESSAGES: list[messages.Message] = [
     messages.Call(mission="m.1", leader="A", floor="L1", x=1.0, y=2.0, helpers=2),
     messages.Offer(mission="m.1", robot="B", leader="A", floor="L1", x=1.0, y=2.0),
@@ -33,12 +34,7 @@ MESSAGES: list[messages.Message] = [
     messages.MakeWay(mission="m.1", leader="A", robot="C", floor="L1", x=1.0, y=2.0),
     messages.WayMade(mission="m.1", robot="C", leader="A", is_done=True),
     messages.Order(mission="m.1", leader="A", step=1, received_states={"B": (1.0, 2.0)}),
-    messages.MemberState(
-        mission="m.1",
-        robot="B",
-        leader="A",
-        measurements=messages.MemberMeasurements(0.1, 0.001, [(1.0, 0.5)], 0.002),
-    ),
+    messages.MemberState(mission="m.1", robot="B", leader="A", measurements=MEASURED),
 ]
 
 

@@ -146,24 +146,25 @@ def room_of(path: str) -> str:
     return "" if knows_orb(path) else next((name for name in inner if name in DOMAIN), "")
 
 
+def called(text: str, *words: str) -> list[ast.Call]:
+    """The calls in a source; none where it has none of these words."""
+    nodes = ast.walk(parsed(text)) if not words or any(word in text for word in words) else ()
+    return [node for node in nodes if isinstance(node, ast.Call)]
+
+
 def prints(text: str) -> list[str]:
     """How a source prints past robocorba.system.printing, which escapes foreign text."""
-    tree = parsed(text)
-    used = set(imports("clients/x.py", tree)) & {"rich.console.Console", "typer.echo", "rich.print"}
-    calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
-    names = {ast.unparse(call.func) for call in calls} & {"print", "typer.echo", "typer.secho", "click.echo"}
-    exits = {"sys.exit" for call in calls if ast.unparse(call.func) == "sys.exit" and "f'" in ast.unparse(call)}
+    used = set(imports("clients/x.py", parsed(text))) & {"rich.console.Console", "typer.echo", "rich.print"}
+    names = {ast.unparse(call.func) for call in called(text)} & {"print", "typer.echo", "typer.secho", "click.echo"}
+    exits = {"sys.exit" for call in called(text) if re.match("sys.exit.*f'", ast.unparse(call))}
     return sorted(used | names | exits)
 
 
 def decodes(text: str) -> list[str]:
     """How a source decodes into types past robocorba.system.decoding, which several threads can use at once."""
-    if "msgspec" not in text:
-        return []
-    calls = [node for node in ast.walk(parsed(text)) if isinstance(node, ast.Call)]
     return sorted(
         name
-        for name, call in ((ast.unparse(call.func), call) for call in calls)
+        for name, call in ((ast.unparse(call.func), call) for call in called(text, "msgspec"))
         if name in ("msgspec.convert", "msgspec.json.Decoder", "msgspec.msgpack.Decoder")
         or (name in ("msgspec.json.decode", "msgspec.msgpack.decode") and call.keywords)
     )
@@ -171,24 +172,13 @@ def decodes(text: str) -> list[str]:
 
 def starts_threads(text: str) -> list[str]:
     """How a source starts threads past robocorba.system.background."""
-    if not any(name in text for name in _THREADS):
-        return []
-    nodes = list(ast.walk(parsed(text)))
-    called = [node.func for node in nodes if isinstance(node, ast.Call)]
-    bases = [base for node in nodes if isinstance(node, ast.ClassDef) for base in node.bases]
-    return sorted({name.rpartition(".")[2] for name in map(ast.unparse, called + bases)} & _THREADS)
-
-
-def calls_of(text: str) -> set[str]:
-    """The names of what a source calls as `module.function`."""
-    nodes = ast.walk(parsed(text)) if "sleep" in text else ()
-    return {ast.unparse(node.func) for node in nodes if isinstance(node, ast.Call)}
+    classes = [node for node in ast.walk(parsed(text)) if isinstance(node, ast.ClassDef)]
+    used = [*(call.func for call in called(text, *_THREADS)), *(base for node in classes for base in node.bases)]
+    return sorted({ast.unparse(each).rpartition(".")[2] for each in used} & _THREADS)
 
 
 def suppresses_assertions(text: str) -> bool:
-    if "suppress(" not in text:
-        return False
-    blocks = [node for node in ast.walk(parsed(text)) if isinstance(node, ast.With)]
+    blocks = [node for node in ast.walk(parsed(text)) if isinstance(node, ast.With)] if "suppress(" in text else []
     return any(
         isinstance(inner, ast.Assert)
         for block in blocks
@@ -320,7 +310,8 @@ def test_tests_wait_for_conditions_and_suppress_no_assertion() -> None:
     sleeping = [
         file.relative_to(ROOT).as_posix()
         for file in sources("tests").values()
-        if not file.stem.endswith(PROGRAMS_OF_TESTS) and "time.sleep" in calls_of(file.read_text())
+        if not file.stem.endswith(PROGRAMS_OF_TESTS)
+        and "time.sleep" in {ast.unparse(call.func) for call in called(file.read_text(), "sleep")}
     ]
     assert sleeping == ["tests/waits.py"]
     # An assertion after what raises within `suppress` is not reached.

@@ -66,8 +66,8 @@ def test_a_process_ends_with_an_error_though_its_main_thread_waits() -> None:
     assert "the process ends: internal fault in 'worker' (ZeroDivisionError" in ended.stderr
 
 
-def test_a_repeated_task_is_called_when_woken_however_long_the_interval() -> None:
-    """A wake during a call makes another one."""
+def test_a_repeated_task_is_called_when_woken_however_long_the_interval(caplog: pytest.LogCaptureFixture) -> None:
+    """A wake during a call makes another one, also where it fails."""
     calls: queue.Queue[int] = queue.Queue()
     numbers = itertools.count()
 
@@ -76,6 +76,7 @@ def test_a_repeated_task_is_called_when_woken_however_long_the_interval() -> Non
         if number == 1:
             repeating.wake()
         calls.put(number)
+        fail()
 
     repeating = Repeating("test", call, math.inf)
     repeating.wake()  # before the start has no effect: the first call comes at once anyway
@@ -85,25 +86,14 @@ def test_a_repeated_task_is_called_when_woken_however_long_the_interval() -> Non
         repeating.wake()
         assert [calls.get(timeout=LIMIT_S) for _ in expected] == expected
     repeating.close()
+    assert "test failed" in caplog.text
+    intervals = iter([0.0, 0.001, 0.0])
+    repeating = Repeating("test", lambda: calls.put(0), lambda: next(intervals, math.inf)).start()
+    assert [calls.get(timeout=LIMIT_S) for _ in range(4)] == [0] * 4
+    repeating.close()
     assert calls.empty()
     repeating.wake()
     repeating.close()
-
-
-def test_the_interval_may_change_and_failures_are_logged(caplog: pytest.LogCaptureFixture) -> None:
-    calls: queue.Queue[int] = queue.Queue()
-    intervals = iter([0.0, 0.001, 0.0])
-
-    def call() -> None:
-        calls.put(1)
-        fail()
-
-    repeating = Repeating("test", call, lambda: next(intervals, math.inf)).start()
-    for _ in range(4):
-        calls.get(timeout=LIMIT_S)
-    repeating.close()
-    assert calls.empty()
-    assert "test failed" in caplog.text
 
 
 def test_closing_waits_for_the_call_in_progress_and_no_other_is_made() -> None:
@@ -134,12 +124,13 @@ def test_each_order_ends_with_a_report_and_the_next_one_has_its_chance() -> None
             raise order
 
     orders = LastOrder("test", execute, reports.put)
-    orders.give(RoboCorbaError("not possible"))
-    assert reports.get(timeout=LIMIT_S) == "not possible"
-    orders.give(ValueError("a fault"))
-    assert "internal fault (ValueError: a fault)" in reports.get(timeout=LIMIT_S)
-    orders.give("an order")
-    assert reports.get(timeout=LIMIT_S) == ""
+    for order, report in (
+        (RoboCorbaError("not possible"), "not possible"),
+        (ValueError("a fault"), "internal fault (ValueError: a fault), see the log"),
+        ("an order", ""),
+    ):
+        orders.give(order)
+        assert reports.get(timeout=LIMIT_S) == report
     orders.close()
 
 

@@ -4,13 +4,9 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-import threading
 import time
 from collections.abc import Callable
 from typing import TypeVar
-
-from testkit.processes import eventually
 
 
 def _slowness() -> float:
@@ -62,14 +58,3 @@ def stays(condition: Callable[[], object], for_s: float = 0.1) -> None:
         if is_last:
             return
         time.sleep(min(0.02, for_s))
-
-
-def until_waiting(thread: threading.Thread) -> None:
-    """Until a thread of this process waits for a condition, an event or a queue."""
-    waits = threading.__file__
-
-    def is_waiting() -> bool:
-        frame = sys._current_frames().get(thread.ident or 0)
-        return frame is not None and frame.f_code.co_filename == waits and "wait" in frame.f_code.co_name
-
-    eventually(is_waiting, what=f"{thread.name} waits")

@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import pytest
 
@@ -19,25 +20,21 @@ from tests.waits import work_for
 
 
 def test_no_more_slots_are_taken_than_allowed() -> None:
-    limiter, running, most = CallLimiter(3, 5.0), 0, 0
-    counting = threading.Lock()
+    limiter, running, most = CallLimiter(3, 5.0), list[None](), list[int]()
 
     def work() -> None:
-        nonlocal running, most
         for _ in range(20):
             with contextlib.suppress(ValueError), limiter.slot():
-                with counting:
-                    running += 1
-                    most = max(most, running)
+                running.append(None)
+                most.append(len(running))
                 work_for(0.0005)
-                with counting:
-                    running -= 1
+                running.pop()
                 raise ValueError  # an error frees the slot, too
 
     with ThreadPoolExecutor(12) as callers:
         for call in [callers.submit(work) for _ in range(12)]:
             call.result(60.0)
-    assert most == 3
+    assert max(most) == 3
     assert not limiter._running
 
 
@@ -64,21 +61,14 @@ def test_calls_that_hang_delay_others_no_longer_than_the_limit() -> None:
 def test_a_hundred_threads_that_wait_do_not_wake_each_other(monkeypatch: pytest.MonkeyPatch) -> None:
     """All calls hang, so that each thread gets the slot of the one before after the limit. One that waits looks at the
     clock whenever it wakes."""
-    looks: list[int] = []
-
-    class Clock:
-        @staticmethod
-        def monotonic() -> float:
-            looks.append(threading.get_ident())
-            return time.monotonic()
-
-    monkeypatch.setattr(call_limiter, "time", Clock)
+    looks, running = list[int](), list[int]()
+    clock = SimpleNamespace(monotonic=lambda: (looks.append(1), time.monotonic())[1])
+    monkeypatch.setattr(call_limiter, "time", clock)
     limiter, released = CallLimiter(1, 0.01), threading.Event()
-    running: list[int] = []
 
     def hang() -> None:
         with limiter.slot():
-            running.append(threading.get_ident())
+            running.append(1)
             released.wait(60.0)
 
     with ThreadPoolExecutor(100) as callers:

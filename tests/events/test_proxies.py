@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import threading
 import time
 from collections.abc import Iterator
@@ -13,21 +12,7 @@ from typing import Any
 
 import pytest
 
-from robocorba.errors.events import (
-    AlreadyConnected,
-    ClientGone,
-    Disconnected,
-    EventError,
-    EventTooLarge,
-    InvalidEvent,
-    InvalidQueue,
-    NotDelivered,
-    ProxyGone,
-    Refused,
-    TooManyProxies,
-    Unconfirmed,
-    UnknownSubscription,
-)
+from robocorba.errors import events as errors
 from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import ChannelStore, Peer
@@ -36,7 +21,7 @@ from robocorba.events.event_numbers import life_of
 from robocorba.events.federation import Advertisement
 from robocorba.events.policies import DeliveryPolicy, ProxyPolicy
 from robocorba.events.proxies import Proxies
-from robocorba.events.proxy import Proxy, ProxyCondition, ProxyKind
+from robocorba.events.proxy import ProxyCondition, ProxyKind
 from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, ProxyPullConsumer, own_supplier
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
@@ -91,22 +76,14 @@ def lab(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Lab]:
         yield lab
 
 
-CLIENTS = {
-    ProxyKind.PUSH_CONSUMER: Supplier,
-    ProxyKind.PULL_CONSUMER: Supplier,
-    ProxyKind.PUSH_SUPPLIER: Consumer,
-    ProxyKind.PULL_SUPPLIER: Consumer,
-}
+def client_of(kind: ProxyKind) -> Any:
+    return Supplier() if kind in (ProxyKind.PUSH_CONSUMER, ProxyKind.PULL_CONSUMER) else Consumer()
 
 
-@pytest.mark.parametrize(
-    ("kind", "client"),
-    [
-        *((kind, CLIENTS[kind]()) for kind in ProxyKind),
-        (ProxyKind.PUSH_CONSUMER, None),
-        (ProxyKind.PULL_SUPPLIER, None),
-    ],
-)
+NAMELESS = (ProxyKind.PUSH_CONSUMER, None), (ProxyKind.PULL_SUPPLIER, None)
+
+
+@pytest.mark.parametrize(("kind", "client"), [*((kind, client_of(kind)) for kind in ProxyKind), *NAMELESS])
 def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: ProxyKind, client: Any) -> None:
     proxy = lab.proxies.obtain(kind)
     assert lab.proxies.snapshot(proxy).condition is ProxyCondition.WAITING
@@ -114,8 +91,8 @@ def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Proxy
         lab.channel.update_routes()
     assert lab.channel.interest() == ()
     lab.proxies.connect(proxy, client)
-    with pytest.raises(AlreadyConnected):
-        lab.proxies.connect(proxy, client and CLIENTS[kind]())
+    with pytest.raises(errors.AlreadyConnected):
+        lab.proxies.connect(proxy, client and client_of(kind))
     state = lab.proxies.snapshot(proxy)
     assert (state.kind, state.condition) == (kind, ProxyCondition.CONNECTED)
     assert state.client == (client.address if client else "")
@@ -126,7 +103,7 @@ def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Proxy
             lambda: lab.proxies.connect(proxy, client),
             lambda: lab.proxies.snapshot(proxy),
         ):
-            with pytest.raises(ProxyGone):
+            with pytest.raises(errors.ProxyGone):
                 act()
         assert (lab.removed, lab.proxies.snapshots()) == ([proxy.id], [])
 
@@ -138,12 +115,12 @@ def test_each_kind_is_connected_once_and_disconnected_once(lab: Lab, kind: Proxy
 
 
 def test_destroy_notifies_all_clients_once_and_refuses_later_calls(lab: Lab) -> None:
-    clients = {kind: CLIENTS[kind]() for kind in ProxyKind}
-    for kind, client in clients.items():
+    clients = [client_of(kind) for kind in ProxyKind]
+    for kind, client in zip(ProxyKind, clients, strict=True):
         lab.proxies.connect(lab.proxies.obtain(kind), client)
     waiting = lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
     lab.proxies.destroy()
-    assert {kind: client.disconnections for kind, client in clients.items()} == dict.fromkeys(ProxyKind, 1)
+    assert [client.disconnections for client in clients] == [1] * len(ProxyKind)
     for act in (
         lab.proxies.destroy,
         lambda: lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER),
@@ -151,13 +128,13 @@ def test_destroy_notifies_all_clients_once_and_refuses_later_calls(lab: Lab) -> 
         lambda: lab.proxies.supply("A"),
         lambda: lab.proxies.subscribe("", Consumer(), ALL, POLICY),
     ):
-        with pytest.raises(ProxyGone):
+        with pytest.raises(errors.ProxyGone):
             act()
 
 
-@pytest.mark.parametrize(("end", "later"), [("destroy", ProxyGone), ("close", None)])
-def test_the_end_ends_a_pull_that_waits(lab: Lab, end: str, later: type[Exception] | None) -> None:
-    """One in progress finds its proxy disconnected, a later one finds it gone."""
+@pytest.mark.parametrize("end", ["destroy", "close"])
+def test_the_end_ends_a_pull_that_waits(lab: Lab, end: str) -> None:
+    """One in progress finds a destroyed proxy disconnected, a later one finds it gone."""
     proxy = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
     assert isinstance(proxy, ProxyPullSupplier)
     lab.proxies.connect(proxy, None)
@@ -166,11 +143,11 @@ def test_the_end_ends_a_pull_that_waits(lab: Lab, end: str, later: type[Exceptio
         eventually(lambda: proxy.pulls == 1, what="the pull")
         getattr(lab.proxies, end)()
         error = pull.exception(120.0)
-    if later is None:
+    if end == "close":
         assert error is None and pull.result() is None
     else:
-        assert isinstance(error, Disconnected)
-        with pytest.raises(later):
+        assert isinstance(error, errors.Disconnected)
+        with pytest.raises(errors.ProxyGone):
             proxy.pull(0.0)
 
 
@@ -180,7 +157,7 @@ def test_a_durable_subscription_collects_while_its_consumer_is_away_and_goes_to_
     lab.publish(b"1")
     eventually(lambda: first.payloads == [b"1"])
     lab.proxies.disconnect(proxy)
-    with pytest.raises(ProxyGone):
+    with pytest.raises(errors.ProxyGone):
         lab.proxies.disconnect(proxy)
     assert (first.disconnections, lab.removed, proxy.condition) == (1, [proxy.id], ProxyCondition.WAITING)
     lab.publish(b"2", b"3")
@@ -194,12 +171,12 @@ def test_a_durable_subscription_collects_while_its_consumer_is_away_and_goes_to_
     lab.proxies.unsubscribe("log")
     assert [one.disconnections for one in (first, second, third)] == [1, 1, 1]
     assert second.payloads == [b"2", b"3"]
-    with pytest.raises(UnknownSubscription):
+    with pytest.raises(errors.UnknownSubscription):
         lab.proxies.unsubscribe("log")
 
 
 def test_a_consumer_that_is_gone_is_disconnected_and_its_durable_subscription_stays(lab: Lab) -> None:
-    gone = [Consumer(answer=failing(ClientGone("gone"))) for _ in range(2)]
+    gone = [Consumer(answer=failing(errors.ClientGone("gone"))) for _ in range(2)]
     lab.proxies.subscribe("", gone[0], ALL, POLICY)
     durable = lab.proxies.subscribe("log", gone[1], ALL, POLICY)
     lab.publish(b"1")
@@ -211,37 +188,30 @@ def test_a_consumer_that_is_gone_is_disconnected_and_its_durable_subscription_st
     eventually(lambda: successor.payloads == [b"1"])
 
 
-@pytest.mark.parametrize("lab", [ProxyPolicy(max_proxies=3, unused_s=0.2)], indirect=True)
-def test_no_more_proxies_than_the_limit_but_unused_suppliers_make_room(lab: Lab) -> None:
-    oldest, last = lab.proxies.supply("A"), lab.proxies.supply("B")
-    lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
-    oldest.used_at = last.used_at = time.monotonic()
-    with pytest.raises(TooManyProxies) as refused:
-        lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
-    assert refused.value.limit == 3
-    oldest.used_at -= 1.0
-    lab.proxies.obtain(ProxyKind.PULL_SUPPLIER)
-    assert oldest.is_ended and not last.is_ended
-
-
-@pytest.mark.parametrize("lab", [ProxyPolicy(max_proxies=4)], indirect=True)
+@pytest.mark.parametrize("lab", [ProxyPolicy(max_proxies=4, unused_s=10.0)], indirect=True)
 def test_at_the_limit_forgotten_proxies_make_room_and_those_in_use_stay(lab: Lab) -> None:
     lab.proxies.subscribe("", Consumer(), ALL, POLICY)
     lab.proxies.subscribe("log", Consumer(), ALL, POLICY)
     forgotten, waiting = lab.proxies.obtain(ProxyKind.PULL_SUPPLIER), lab.proxies.obtain(ProxyKind.PUSH_SUPPLIER)
     lab.proxies.connect(forgotten, None)
+    with pytest.raises(errors.TooManyProxies) as refused:
+        lab.proxies.supply("A")
+    assert refused.value.limit == 4
     for proxy in lab.proxies._all.values():
         proxy.used_at -= 11.0
     assert isinstance(forgotten, ProxyPullSupplier)
     assert forgotten.pull(0.0) is None  # it is used again
-    lab.proxies.supply("A")
+    supplier = lab.proxies.supply("A")
     assert waiting.is_ended and not forgotten.is_ended
-    with pytest.raises(TooManyProxies):
+    with pytest.raises(errors.TooManyProxies):
         lab.proxies.supply("B")
     forgotten.used_at -= 11.0
     lab.proxies.supply("B")
     assert forgotten.is_ended
-    assert {proxy.name for proxy in lab.proxies.snapshots()} == {"", "log", "A", "B"}
+    supplier.used_at -= 11.0
+    lab.proxies.supply("C")
+    assert supplier.is_ended
+    assert {proxy.name for proxy in lab.proxies.snapshots()} == {"", "log", "B", "C"}
 
 
 def test_a_named_supplier_gets_its_proxy_again_and_that_of_its_own_events_publishes_no_others(lab: Lab) -> None:
@@ -249,10 +219,10 @@ def test_a_named_supplier_gets_its_proxy_again_and_that_of_its_own_events_publis
     assert lab.proxies.supply("B") is not lab.proxies.supply("A")
     assert lab.proxies.supply("") is not lab.proxies.supply("")
     lab.proxies.supply(own_supplier("A")).push(supplied("t", b"1"))
-    with pytest.raises(InvalidEvent, match="'B'"):
+    with pytest.raises(errors.InvalidEvent, match="'B'"):
         lab.proxies.supply(own_supplier("B")).push(supplied("t", b"1"))
     assert STOP_EVENT in ORDERS
-    with pytest.raises(InvalidEvent, match=STOP_EVENT):
+    with pytest.raises(errors.InvalidEvent, match=STOP_EVENT):
         lab.proxies.supply(own_supplier("A")).push(supplied(STOP_EVENT, b"1"))
 
 
@@ -264,8 +234,8 @@ def test_events_that_come_during_a_change_of_a_conjunction_reach_the_others(lab:
     lab.proxies.subscribe("", other, wanting("a"), POLICY)
     supplier = lab.proxies.supply("A")
     supplier.push(supplied("a", b"before"))
-    lab.proxies._store.save_proxy = lambda stored: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
-    lab.proxies._store.forget_proxy = lambda id: supplier.push(supplied("a", b"meanwhile"))  # type: ignore[method-assign]
+    for write in ("save_proxy", "forget_proxy"):
+        setattr(lab.proxies._store, write, lambda stored: supplier.push(supplied("a", b"meanwhile")))
     if change == "select":
         lab.proxies.change(proxy, ALL)
     else:
@@ -274,12 +244,10 @@ def test_events_that_come_during_a_change_of_a_conjunction_reach_the_others(lab:
 
 
 def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:
-    with pytest.raises(InvalidQueue):
+    with pytest.raises(errors.InvalidQueue):
         lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
     assert lab.proxies.snapshots() == []
 
-
-# ---- suppliers ----
 
 #: Shorter pauses, and fewer failures, than the defaults.
 POLLING = DeliveryPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
@@ -301,11 +269,11 @@ class Published:
     def has_had(origin: str, number: int) -> bool:
         return origin == "east" and number <= 5
 
-    def lost(self, proxy: ProxyPullConsumer, reason: str) -> None:
-        self.reasons.append(reason)
-
     def polled(self, supplier: Supplier, policy: DeliveryPolicy = POLLING) -> ProxyPullConsumer:
-        one = ProxyPullConsumer(self.lock, "1", self.publish, self.has_had, policy, self.lost)
+        def lost(proxy: ProxyPullConsumer, reason: str) -> None:
+            self.reasons.append(reason)
+
+        one = ProxyPullConsumer(self.lock, "1", self.publish, self.has_had, policy, lost)
         one.connect(supplier)
         return one
 
@@ -315,9 +283,7 @@ def published() -> Published:
     return Published()
 
 
-def test_a_push_is_published_once_between_connect_and_end(
-    published: Published, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_push_is_published_once_while_connected(published: Published, caplog: pytest.LogCaptureFixture) -> None:
     one = ProxyConsumer(published.lock, "7", published.publish, published.has_had)
 
     def push(origin: str, first: int, *payloads: bytes) -> None:
@@ -325,7 +291,7 @@ def test_a_push_is_published_once_between_connect_and_end(
         batch.header, batch.first = batch.header._replace(origin=origin), first
         one.push(batch)
 
-    with pytest.raises(Disconnected):
+    with pytest.raises(errors.Disconnected):
         one.push(supplied("t", b"early"))
     one.connect(None)
     push("east", 4, b"again", b"again")
@@ -336,11 +302,11 @@ def test_a_push_is_published_once_between_connect_and_end(
     assert (one.account.received, one.account.discarded) == (3, 3)  # those published are counted by the channel
     assert caplog.messages == ["the supplier of 7 publishes events that it has received; they are discarded"]
     one.end()
-    with pytest.raises(ProxyGone):
+    with pytest.raises(errors.ProxyGone):
         one.push(supplied("t", b"late"))
 
 
-def test_a_supplier_is_polled_continuously(published: Published) -> None:
+def test_a_supplier_is_polled_continuously_until_the_end_and_after_an_event_rarely(published: Published) -> None:
     supplier = Supplier(supplied("t", b"a"), supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: supplier.asked > 5)
@@ -348,18 +314,17 @@ def test_a_supplier_is_polled_continuously(published: Published) -> None:
     eventually(lambda: published.payloads == [b"a", b"b", b"c"])
     one.end()
     eventually(lambda: not any(thread.name == "from 1" for thread in threading.enumerate()))
-
-
-def test_polls_become_rare_after_an_event(published: Published) -> None:
-    supplier = Supplier(supplied("t", b"a"))
+    supplier = Supplier(supplied("t", b"d"))
     one = published.polled(supplier, DeliveryPolicy(poll_intervals=Backoff(0.001, 3600.0, factor=1e7)))
     eventually(lambda: supplier.asked == 3, what="the poll with the event and two without")
     stays(lambda: supplier.asked == 3, 0.2)
     one.end()
 
 
-@pytest.mark.parametrize("error", [NotDelivered("away"), Unconfirmed("no answer"), Refused("a fault of its own")])
-def test_a_supplier_is_disconnected_after_max_failures_in_a_row(published: Published, error: EventError) -> None:
+@pytest.mark.parametrize(
+    "error", [errors.NotDelivered("away"), errors.Unconfirmed("no answer"), errors.Refused("a fault of its own")]
+)
+def test_a_supplier_is_disconnected_after_max_failures_in_a_row(published: Published, error: errors.EventError) -> None:
     supplier = Supplier(error, error, error, supplied("t", b"a"), error, error, error, supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.payloads == [b"a", b"b"])
@@ -370,22 +335,13 @@ def test_a_supplier_is_disconnected_after_max_failures_in_a_row(published: Publi
     assert published.reasons == [f"4 failures in a row ({error})"]
 
 
-def test_an_event_that_the_channel_does_not_take_is_counted_and_a_supplier_that_is_gone_is_lost(
-    published: Published,
-) -> None:
-    refused = EventTooLarge(9, 8), InvalidEvent("type", "is empty")
-    supplier = Supplier(*refused, supplied("t", b"a"), ClientGone("gone"), supplied("t", b"b"))
+def test_an_event_that_is_refused_is_counted_and_a_supplier_that_is_gone_is_lost(published: Published) -> None:
+    refused = errors.EventTooLarge(9, 8), errors.InvalidEvent("type", "is empty")
+    supplier = Supplier(*refused, supplied("t", b"a"), errors.ClientGone("gone"), supplied("t", b"b"))
     one = published.polled(supplier)
     eventually(lambda: published.reasons == ["gone"])
     assert (supplier.asked, published.payloads) == (4, [b"a"])
     assert (one.account.received, one.account.discarded) == (2, 2)  # the one published is counted by the channel
-
-
-# ---- restarts ----
-
-
-def by_id(lab: Lab) -> dict[str, Proxy]:
-    return dict(lab.proxies._all)
 
 
 def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
@@ -414,13 +370,13 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         assert after[durable.id].condition is ProxyCondition.SUSPENDED
         assert lab.channel.last_number > last
         lab.publish(b"1")
-        again = by_id(lab)[durable.id]
+        again = lab.proxies._all[durable.id]
         assert isinstance(again, ProxyPushSupplier) and again.totals().queued == 1
         lab.proxies.suspend(again, False)
         eventually(lambda: consumer.payloads == [b"1"])
-        with pytest.raises(Disconnected):
-            fresh = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
-            assert isinstance(fresh, ProxyConsumer) and fresh.id not in {*before, ended.id}
+        fresh = lab.proxies.obtain(ProxyKind.PUSH_CONSUMER)
+        assert isinstance(fresh, ProxyConsumer) and fresh.id not in {*before, ended.id}
+        with pytest.raises(errors.Disconnected):
             fresh.push(supplied("t", b"x"))
 
 
@@ -435,19 +391,8 @@ def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(tmp
     # Another object with the same reference: a thread of the channel before may just be asking the old one.
     clients[supplier.reference] = Supplier(supplied("t", b"1"))
     with lab_in(tmp_path, clients, policy) as lab:
-        proxies = [proxy for proxy in by_id(lab).values() if isinstance(proxy, ProxySupplier)]
+        proxies = [proxy for proxy in lab.proxies._all.values() if isinstance(proxy, ProxySupplier)]
         eventually(lambda: [proxy.account.received for proxy in proxies] == [1] * 60)
-
-
-def test_a_cleared_store_keeps_only_its_numbers(tmp_path: Path) -> None:
-    with ChannelStore(tmp_path / "s") as store:
-        first, id = store.first_number(), store.next_id()
-        store.save_peer(Peer("hall", "127.0.0.1:1"))
-        store.clear()
-        assert (store.proxies(), store.peers()) == ([], [])
-    with ChannelStore(tmp_path / "s") as store:
-        assert store.first_number() > first
-        assert store.next_id() > id
 
 
 @pytest.mark.parametrize("is_put_back", [False, True])
@@ -462,7 +407,7 @@ def test_no_clock_and_no_lost_state_makes_a_channel_repeat_its_numbers(
         numbers.append(store.first_number())
         ids.append(store.next_id())
     copy = (tmp_path / "s").read_bytes()
-    for _ in range(20):
+    for _ in range(4):  # they are random: with many, two are equal once in a while
         for file in tmp_path.iterdir():
             file.unlink()
         if is_put_back:
@@ -472,14 +417,6 @@ def test_no_clock_and_no_lost_state_makes_a_channel_repeat_its_numbers(
             ids += [store.next_id() for _ in range(100)]
     assert len({life_of(number) for number in numbers}) == len(numbers)
     assert len(set(ids)) == len(ids)
-
-
-def test_numbers_increase_while_the_state_is_kept(tmp_path: Path) -> None:
-    numbers = []
-    for _ in range(20):
-        with ChannelStore(tmp_path / "s") as store:
-            numbers.append(store.first_number())
-    assert all(after - before > 1e9 for before, after in itertools.pairwise(numbers))
 
 
 def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
@@ -499,8 +436,9 @@ def test_threads_do_not_disturb_each_other(tmp_path: Path) -> None:
         assert sorted((peer.name, peer.address) for peer in store.peers()) == [("hall", "99"), ("yard", "99")]
 
 
-def test_peers_are_kept_in_order_and_changed_in_place(tmp_path: Path) -> None:
+def test_peers_are_kept_in_order_and_changed_in_place_and_a_cleared_store_keeps_its_numbers(tmp_path: Path) -> None:
     with ChannelStore(tmp_path / "s") as store:
+        first, id = store.first_number(), store.next_id()
         for name in ("hall", "yard"):
             store.save_peer(Peer(name))
         store.save_peer(Peer("hall", "127.0.0.1:1", removed=True))
@@ -508,3 +446,8 @@ def test_peers_are_kept_in_order_and_changed_in_place(tmp_path: Path) -> None:
         assert store.peers() == [Peer("hall", "127.0.0.1:1", removed=True), Peer("yard")]
         store.forget_peer("hall")
         assert store.peers() == [Peer("yard")]
+        store.clear()
+        assert (store.proxies(), store.peers()) == ([], [])
+    with ChannelStore(tmp_path / "s") as store:
+        assert store.first_number() > first + 1e9
+        assert store.next_id() > id

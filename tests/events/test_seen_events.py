@@ -38,8 +38,8 @@ def test_lives_are_independent_of_each_other_and_restored_after_a_kill(tmp_path:
         assert add(successor, "yard", 1, 1) == [(1, 1)]
 
 
-def test_damaged_entries_are_set_aside_and_the_others_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    file = tmp_path / "lab.seen"
+def test_what_is_damaged_is_set_aside_and_other_entries_kept(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    file, aside = tmp_path / "lab.seen", tmp_path / "lab.seen.damaged"
     with SeenEvents(file) as seen:
         add(seen, "lab", 1, 7)
         add(seen, "hall", 1, 8)
@@ -50,30 +50,19 @@ def test_damaged_entries_are_set_aside_and_the_others_kept(tmp_path: Path, caplo
         assert add(again, "lab", 1, 7) == [(1, 7)]
         assert add(again, "hall", 8, 9) == [(9, 9)]
     assert "lab.seen is damaged (1 of its entries)" in caplog.text
-    assert (tmp_path / "lab.seen.damaged").read_bytes() == content
-    caplog.clear()
-    with SeenEvents(file) as third:
-        assert add(third, "lab", 7, 7) == add(third, "hall", 9, 9) == []
-    assert caplog.text == ""
-
-
-@pytest.mark.parametrize("is_of_the_first_release", [False, True])
-def test_a_file_with_another_beginning_is_set_aside(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture, is_of_the_first_release: bool
-) -> None:
-    file = tmp_path / "lab.seen"
-    with SeenEvents(file) as seen:
-        add(seen, "lab", 1, 7)
+    assert aside.read_bytes() == content
     former = damage(file)
-    if is_of_the_first_release:  # which is of no use
-        file.write_bytes(b"\x07" * 256 * 216)
     with SeenEvents(file) as again:
         assert add(again, "lab", 1, 7) == [(1, 7)]
-    if is_of_the_first_release:
-        assert caplog.text == ""
-    else:
-        assert "lab.seen is damaged (its beginning)" in caplog.text
-        assert (tmp_path / "lab.seen.damaged").read_bytes() == former
+    assert "lab.seen is damaged (its beginning)" in caplog.text
+    assert aside.read_bytes() == former
+    caplog.clear()
+    with SeenEvents(file) as third:
+        assert add(third, "lab", 7, 7) == []
+    file.write_bytes(b"\x07" * 256 * 216)  # of the first release, which is of no use
+    with SeenEvents(file) as again:
+        assert add(again, "lab", 1, 7) == [(1, 7)]
+    assert caplog.text == ""
 
 
 def test_the_most_recent_lives_are_remembered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -68,17 +68,16 @@ def test_a_pattern_with_many_wildcards_is_matched_quickly() -> None:
 
 
 def test_matches_of_disjunctions_and_conjunctions() -> None:
-    both = Clause((Pattern("a"), Pattern("?")), 2.0)
-    subscription = (Clause((Pattern("x*"),)), both)
-    assert match_subscription(subscription, "x1", "A") == SubscriptionMatch(True, ())
-    assert match_subscription(subscription, "a", "A") == SubscriptionMatch(False, ((1, (0, 1)),))
-    assert match_subscription(subscription, "x", "A") == SubscriptionMatch(True, ((1, (1,)),))
-    assert match_subscription(subscription, "yy", "A") is None
+    subscription = (Clause((Pattern("x*"),)), Clause((Pattern("a"), Pattern("?")), 2.0))
+    for type, match in (
+        ("x1", SubscriptionMatch(True, ())),
+        ("a", SubscriptionMatch(False, ((1, (0, 1)),))),
+        ("x", SubscriptionMatch(True, ((1, (1,)),))),
+        ("yy", None),
+    ):
+        assert match_subscription(subscription, type, "A") == match
     assert match_subscription((), "x", "A") is None
-
-
-def test_an_empty_text_is_a_star() -> None:
-    assert checked([([("", "B")], 0.0)]) == (Clause((Pattern("*", "B"),)),)
+    assert checked([([("", "B")], 0.0)]) == (Clause((Pattern("*", "B"),)),)  # an empty text is a star
 
 
 @pytest.mark.parametrize(
@@ -93,9 +92,7 @@ def test_an_empty_text_is_a_star() -> None:
         ("", [([("a", "")], 0.0)] * 201),
     ],
 )
-def test_an_invalid_subscription_names_its_place(
-    where: str, clauses: list[tuple[list[tuple[str, str]], float]]
-) -> None:
+def test_an_invalid_subscription_is_named(where: str, clauses: list[tuple[list[tuple[str, str]], float]]) -> None:
     with pytest.raises(InvalidSubscription) as refused:
         checked(clauses)
     assert refused.value.where == where

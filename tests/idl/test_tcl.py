@@ -64,9 +64,7 @@ def printed(monkeypatch: pytest.MonkeyPatch, *files: str) -> str:
     return text
 
 
-def test_each_declaration_is_printed_once_and_that_of_an_included_file_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_declaration_is_printed_also_of_an_included_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "base.idl").write_text(BASE)
     (tmp_path / "shop.idl").write_text(SHOP)
     monkeypatch.chdir(tmp_path)

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -63,72 +63,62 @@ def pool() -> Iterator[ThreadPoolExecutor]:
         yield pool
 
 
-def reference_of(planner: HeldPlanner, orb: Orb) -> RoboCorba.PathPlanner:
-    return orb.activate(planner)._narrow(RoboCorba.PathPlanner)
-
-
-def refused(call: Future[int]) -> bool:
-    return isinstance(call.exception(60.0), CORBA.TRANSIENT)
-
-
 def test_calls_wait_and_further_ones_are_refused(planner: HeldPlanner, pool: ThreadPoolExecutor, orb: Orb) -> None:
     CallLimit(at_once=2, waiting=1).apply(planner, "_get_mapVersion")
-    reference = reference_of(planner, orb)
-    calls = [pool.submit(reference._get_mapVersion) for _ in range(4)]
+    call = orb.activate(planner)._narrow(RoboCorba.PathPlanner)._get_mapVersion
+    calls = [pool.submit(call) for _ in range(4)]
     eventually(lambda: sum(call.done() for call in calls) == 1, what="the refusal")
-    assert [refused(call) for call in calls if call.done()] == [True]
     assert planner.called.acquire(timeout=60.0) and planner.called.acquire(timeout=60.0)
     assert not planner.called.acquire(blocking=False)  # the third one waits
     planner.go_on.set()
+    (refusal,) = (call.exception(60.0) for call in calls if call.exception(60.0))
+    assert isinstance(refusal, CORBA.TRANSIENT)
     assert sorted(call.result(60.0) for call in calls if not call.exception(60.0)) == [7, 7, 7]
-    assert reference._get_mapVersion() == 7
+    assert call() == 7
 
 
 def test_a_call_that_waits_or_fails_leaves_its_place(planner: HeldPlanner, pool: ThreadPoolExecutor, orb: Orb) -> None:
     CallLimit(at_once=1, limit_s=0.01).apply(planner, "_get_mapVersion")
-    reference = reference_of(planner, orb)
-    first = pool.submit(reference._get_mapVersion)
+    call = orb.activate(planner)._narrow(RoboCorba.PathPlanner)._get_mapVersion
+    first = pool.submit(call)
     assert planner.called.acquire(timeout=60.0)
-    assert refused(pool.submit(reference._get_mapVersion))
+    with pytest.raises(CORBA.TRANSIENT):
+        call()
     planner.go_on.set()
-    assert (first.result(60.0), reference._get_mapVersion()) == (7, 7)
+    assert (first.result(60.0), call()) == (7, 7)
 
     def fail() -> None:
         raise CORBA.NO_IMPLEMENT
 
-    call = CallLimit(at_once=1, waiting=0).limited(fail)
+    failing = CallLimit(at_once=1, waiting=0).limited(fail)
     for _ in range(3):
         with pytest.raises(CORBA.NO_IMPLEMENT):
-            call()
+            failing()
 
 
 @pytest.mark.parametrize("limit_s", [10.0, 0.0005])
 def test_no_place_is_lost_and_none_is_taken_twice(limit_s: float) -> None:
     """Beside many callers, also those whose time ends while they get their place."""
-    running: list[None] = []
-    most = [0]
+    running, most = list[None](), list[int]()
 
     def work() -> None:
         running.append(None)
-        most[0] = max(most[0], len(running))
+        most.append(len(running))
         work_for(0.0002)
         running.pop()
 
     call = CallLimit(at_once=3, limit_s=limit_s).limited(work)
 
-    def repeat(times: int) -> int:
-        done = 0
+    def repeat(times: int) -> None:
         for _ in range(times):
             with contextlib.suppress(CORBA.TRANSIENT):
                 call()
-                done += 1
-        return done
 
     with ThreadPoolExecutor(24) as pool:
-        done = sum(pool.map(repeat, [50] * 24))
-    assert most[0] <= 3
-    assert 50 <= done <= 24 * 50
-    assert limit_s < 1.0 or done == 24 * 50
+        list(pool.map(repeat, [50] * 24))
+    assert max(most) <= 3
+    assert 50 <= len(most) <= 24 * 50
+    assert limit_s < 1.0 or len(most) == 24 * 50
     for _ in range(10):
         call()  # all places are free again
 
@@ -331,70 +321,63 @@ class StartingServer:
 
     def __init__(self, process: subprocess.Popen[str], port: int) -> None:
         self._process, self.port = process, port
-        assert process.stdin and process.stdout
-        self._input, self._output = process.stdin, process.stdout
-        assert self._output.readline() == "listens\n"
+        self._expect("listens")
+
+    def _expect(self, line: str) -> None:
+        assert self._process.stdout and self._process.stdout.readline() == f"{line}\n"
+
+    def _order(self, line: str) -> None:
+        print(line, file=self._process.stdin, flush=True)
 
     def start(self) -> None:
-        print(file=self._input, flush=True)
-        assert self._output.readline() == "serves\n"
+        self._order("")
+        self._expect("serves")
 
     def end(self) -> int:
-        print("end", file=self._input, flush=True)
+        self._order("end")
         return self._process.wait(30.0)
 
 
 @pytest.fixture
 def starting() -> Iterator[StartingServer]:
+    pipe = subprocess.PIPE
     with claimed_ports() as port:
         command = [sys.executable, "-c", SERVER.format(port=port)]
-        pipe = subprocess.PIPE
-        with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process:
-            try:
-                yield StartingServer(process, port)
-            finally:
-                process.kill()
+        with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True) as process, contextlib.ExitStack() as stack:
+            stack.callback(process.kill)
+            yield StartingServer(process, port)
 
 
 class Client:
-    """A client that asks, by GIOP 1.0, for the number of threads that Python knows."""
+    """A client that has asked, by GIOP 1.0, for the number of threads that Python knows."""
 
     def __init__(self, stack: contextlib.ExitStack, port: int) -> None:
         self._socket = stack.enter_context(socket.create_connection(("127.0.0.1", port), CONNECT_LIMIT_S))
-
-    def ask(self) -> None:
         operation = b"_get_mapVersion\0"
         body = struct.pack("<IIB3x", 0, 1, 1)  # no contexts, request 1, an answer is expected
         body += struct.pack("<I7sx", 7, b"Planner") + struct.pack("<I", len(operation)) + operation
         body += struct.pack("<I", 0)  # nobody
         self._socket.sendall(b"GIOP\1\0\1\0" + struct.pack("<I", len(body)) + body)
 
-    def answer(self, timeout_s: float) -> tuple[int, int]:
-        """The status of the reply, 0 for a result, and the result. Raises TimeoutError."""
+    def status(self, timeout_s: float) -> int:
+        """Of the reply, 0 for a result. Raises TimeoutError."""
         self._socket.settimeout(timeout_s)
-        header = self._socket.recv(12, socket.MSG_WAITALL)
-        size = struct.unpack("<I", header[8:])[0]
-        _, _, status, result = struct.unpack("<IIII", self._socket.recv(size, socket.MSG_WAITALL)[:16])
-        return status, result
+        size = struct.unpack("<I", self._socket.recv(12, socket.MSG_WAITALL)[8:])[0]
+        return int(struct.unpack("<III", self._socket.recv(size, socket.MSG_WAITALL)[:12])[2])
 
 
 def test_calls_wait_while_a_server_starts(starting: StartingServer) -> None:
     with contextlib.ExitStack() as stack:
         clients = [Client(stack, starting.port) for _ in range(CONNECTIONS)]
-        for client in clients:
-            client.ask()
         with pytest.raises(TimeoutError):
-            clients[0].answer(0.3)
+            clients[0].status(0.3)
         starting.start()
-        assert {client.answer(60.0)[0] for client in clients} == {0}
-        late = Client(stack, starting.port)
-        late.ask()
-        assert late.answer(60.0)[0] == 0
+        clients.append(Client(stack, starting.port))
+        assert {client.status(60.0) for client in clients} == {0}
     assert starting.end() == 0
 
 
 def test_a_server_ends_although_it_has_not_served_yet(starting: StartingServer) -> None:
     with contextlib.ExitStack() as stack:
-        client = Client(stack, starting.port)
-        client.ask()
+        Client(stack, starting.port)
         assert starting.end() == 0

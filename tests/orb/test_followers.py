@@ -7,6 +7,7 @@ import itertools
 import threading
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -185,20 +186,22 @@ def test_a_floor_that_is_gone_becomes_empty_once(system: tuple[World, LiveSystem
     """Else viewers and recordings keep its robots beside those of the floor that has its robots now. Floors come whole
     after updates that nobody has seen."""
     world, live = system
+
+    def fail_once() -> None:
+        world.is_away = True
+        with pytest.raises(NotReachable):
+            live.follow(0.0)
+        world.is_away = False
+
     assert [(update.floor, update.since) for update in live.follow(0.0).updates] == [("L1", WHOLE)]
     assert live.follow(0.0).updates[0].since == 1
-    world.floor, world.time_s, world.is_away = "ground", 10.5, True
-    with pytest.raises(NotReachable):
-        live.follow(0.0)
-    world.is_away = False
+    world.floor, world.time_s = "ground", 10.5
+    fail_once()
     here, gone = live.follow(0.0).updates
     assert (here.floor, gone.floor, gone.since, gone.time) == ("ground", "L1", WHOLE, 10.5)
     assert (gone.came, len(gone.motions), gone.elevators) == ([], 0, {})
     assert [(update.floor, update.since > 0) for update in live.follow(0.0).updates] == [("ground", True)]
-    world.is_away = True
-    with pytest.raises(NotReachable):
-        live.follow(0.0)
-    world.is_away = False
+    fail_once()
     assert [update.since for update in live.follow(0.0).updates] == [WHOLE]
 
 
@@ -226,14 +229,11 @@ def test_scans_of_actual_robots_come_once_while_scans_are_wanted(
         return [scan("A", world.time_s, is_virtual=False)]
 
     monkeypatch.setattr(live, "_sensed", SimpleNamespace(read=read, actual=frozenset({"A"})))
-    assert [each.time for each in live.follow(0.0).scans] == [10.0]
-    assert live.follow(0.0).scans == []
-    world.time_s = 10.1
-    assert [each.is_virtual for each in live.follow(0.0).scans] == [False]
+    for time_s, wanted, came in ((10.0, True, [10.0]), (10.0, True, []), (10.1, True, [10.1]), (10.2, False, [])):
+        world.time_s, live.with_scans = time_s, wanted
+        found = live.follow(0.0).scans
+        assert [(each.time, each.is_virtual) for each in found] == [(time_s, False) for time_s in came]
     assert (asked, live.actual) == ([False] * 3, {"A"})
-    live.with_scans, world.time_s = False, 10.2
-    assert live.follow(0.0).scans == []
-    assert len(asked) == 3
 
 
 def test_continuous_lasers_are_of_virtual_robots_that_scan_nothing_themselves() -> None:
@@ -269,13 +269,6 @@ def test_a_server_that_restarts_is_waited_for_at_the_beginning(system: tuple[Wor
     assert live.begin(60.0).updates[0].since == WHOLE
 
 
-class NoOrb:
-    """Nothing is called: the pool has a source of its own."""
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *arguments, **options: None
-
-
 @pytest.fixture
 def place() -> Place:
     return Place()
@@ -286,14 +279,12 @@ def follower(place: Place, monkeypatch: pytest.MonkeyPatch) -> PoolFollower:
     """Of a pool with a source of its own: nothing is called."""
     for name, value in (("REST_INTERVAL_S", 600.0), ("ATTEND_LIMIT_S", 60.0)):
         monkeypatch.setattr(data_pool, name, value)
-    follower = PoolFollower(NoOrb(), "L1", rests=lambda: True)  # type: ignore[arg-type]
+    follower = PoolFollower(MagicMock(), "L1", rests=lambda: True)
     follower.pool = place.pool()
     return follower
 
 
-def test_a_reader_wakes_a_pool_that_rests(
-    place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_reader_wakes_a_resting_pool(place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(data_pool, "ATTENTION_S", 0.0)
     with contextlib.closing(follower.start()):
         eventually(lambda: follower.pool.snapshot(), 60.0, "the first content")

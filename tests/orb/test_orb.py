@@ -31,6 +31,7 @@ from robocorba.system.roles import Role
 from robocorba.system.settings import Address, RoleNaming
 from robocorba.system.supervision.access import Access
 from testkit.processes import eventually
+from tests.clock import Clock
 
 
 @pytest.fixture
@@ -56,16 +57,20 @@ class Planner(RoboCorba__POA.PathPlanner):
         return self.version
 
 
-def test_corbaname() -> None:
-    for host, name, rest in (
-        ("10.0.0.1", "", ""),
-        ("10.0.0.1", "RoboCorba/PathPlanner", "#RoboCorba/PathPlanner"),
-        ("10.0.0.1", "RoboCorba/Robots/r 1.b", "#RoboCorba/Robots/r%201%5C.b"),
-        ("10.0.0.1", "Küche%", "#K%C3%BCche%25"),
-        ("::1", "a", "#a"),
+def test_corbaname_and_the_address_in_a_reference(nowhere: Address) -> None:
+    for name, rest in (
+        ("", ""),
+        ("RoboCorba/PathPlanner", "#RoboCorba/PathPlanner"),
+        ("RoboCorba/Robots/r 1.b", "#RoboCorba/Robots/r%201%5C.b"),
+        ("Küche%", "#K%C3%BCche%25"),
     ):
-        assert corbaname(Address(host, 2809), name) == f"corbaname::{Address(host, 2809)}{rest}"
+        assert corbaname(Address("10.0.0.1", 2809), name) == f"corbaname::10.0.0.1:2809{rest}"
     assert corbaname(Address("::1", 2809), "a") == "corbaname::[::1]:2809#a"
+    with Orb(nowhere) as orb:
+        uri = orb.uri(orb.reference("corbaloc:iiop:1.2@10.1.2.3:4567/some/key", CORBA.Object))
+    assert parsed(uri)[1:] == ("10.1.2.3:4567", b"some/key")
+    for malformed in ("", "IOR:", "IOR:zz", "IOR:00", "IOR:01000000ffffffff", "corbaloc::h/a", "IOR:01" * 9):
+        assert parsed(malformed) == Ior()
 
 
 def test_keys_last_and_differ_and_are_not_shown() -> None:
@@ -79,33 +84,27 @@ def test_keys_last_and_differ_and_are_not_shown() -> None:
 
 def test_a_process_has_one_orb_at_a_time_at_a_free_port(nowhere: Address, endpoint: Address) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
-        endpoint = Address(*taken.getsockname())
-        with pytest.raises(PortInUse) as refused, Orb(nowhere, endpoint):
+        address = Address(*taken.getsockname())
+        with pytest.raises(PortInUse) as refused, Orb(nowhere, address):
             pass
-    assert (refused.value.host, refused.value.port) == (endpoint.host, endpoint.port)
+    assert (refused.value.host, refused.value.port) == (address.host, address.port)
     unknown = pytest.raises(ServiceError, match=r"192\.0\.2\.1 is not an address of this machine")
     with unknown, Orb(nowhere, Address("192.0.2.1", 2830)):
         pass
-    # Each listens from its start to its end, and serving does not wait for the naming service.
-    for _ in range(3):
+    before = signal.getsignal(signal.SIGTERM)
+    # Each listens from its start to its end, serving does not wait for the naming service, and a signal between serving
+    # and running ends the run.
+    for stop in (Orb.stop, Orb.stop, lambda orb: os.kill(os.getpid(), signal.SIGTERM)):
         with Orb(nowhere, endpoint) as orb:
             with pytest.raises(ServiceError, match="has an ORB already"), Orb(nowhere):
                 pass
             socket.create_connection((endpoint.host, endpoint.port), timeout=5).close()
             orb.serve({"PathPlanner": Planner()})
-            orb.stop()
+            stop(orb)
             orb.run()
+            assert signal.getsignal(signal.SIGTERM) is before
     with pytest.raises(ConnectionRefusedError):
         socket.create_connection((endpoint.host, endpoint.port), timeout=5)
-
-
-def test_a_signal_between_serving_and_running_ends_the_run(nowhere: Address, endpoint: Address) -> None:
-    before = signal.getsignal(signal.SIGTERM)
-    with Orb(nowhere, endpoint) as orb:
-        orb.serve({"PathPlanner": Planner()})
-        os.kill(os.getpid(), signal.SIGTERM)
-        orb.run()
-        assert signal.getsignal(signal.SIGTERM) is before
     with Orb(nowhere, endpoint) as orb:
         orb.serve({"PathPlanner": Planner()})
     assert signal.getsignal(signal.SIGTERM) is before
@@ -122,32 +121,28 @@ def test_a_hanging_shutdown_prints_its_stacks_and_exits(nowhere: Address) -> Non
     assert 'File "<string>", line 5 in <module>' in ended.stderr
 
 
-def test_objects_live_until_they_are_deactivated_and_what_is_unreachable_is_named(
-    nowhere: Address, endpoint: Address
-) -> None:
+def test_objects_live_until_they_are_deactivated(nowhere: Address, endpoint: Address) -> None:
     with Orb(nowhere, endpoint) as orb:
         first, second = Planner(1), Planner(2)
         again = orb.activate(Planner(3), "again")
         orb.accept_calls()
-        references = orb.activate(first), orb.activate(second)
-        assert [reference._get_mapVersion() for reference in references] == [1, 2]
+        references = *(orb.activate(planner) for planner in (first, second)), again
+        assert [reference._get_mapVersion() for reference in references] == [1, 2, 3]
         orb.deactivate(first)
-        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
-            references[0]._get_mapVersion()
-        assert references[1]._get_mapVersion() == 2
-        assert again._get_mapVersion() == 3
         orb.deactivate_key("again")
-        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
-            again._get_mapVersion()
+        for reference in (references[0], again):
+            with pytest.raises(CORBA.OBJECT_NOT_EXIST):
+                reference._get_mapVersion()
         orb.activate(Planner(4), "again")  # a key is valid again after its end
-        assert again._get_mapVersion() == 4
+        assert (references[1]._get_mapVersion(), again._get_mapVersion()) == (2, 4)
+
+
+def test_what_is_unreachable_is_named(nowhere: Address, endpoint: Address) -> None:
     with Orb(nowhere) as orb:
         with pytest.raises(NotReachable) as missing:
             orb.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=0.2)
-        assert str(missing.value) == (
-            f"RoboCorba/PathPlanner is not reachable: "
-            f"the naming service at {nowhere} does not answer (TRANSIENT_ConnectFailed)"
-        )
+        silent = f"the naming service at {nowhere} does not answer (TRANSIENT_ConnectFailed)"
+        assert str(missing.value) == f"RoboCorba/PathPlanner is not reachable: {silent}"
         with pytest.raises(NotReachable, match=str(nowhere)):
             orb.check_naming()
         for name in ("", "/", "a//b", "a/"):
@@ -245,20 +240,18 @@ def test_a_role_gets_the_servants_own_methods_or_a_refusal() -> None:
 
 def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
     with claimed_ports() as port, Orb(naming, endpoint := Address(HOST, port)) as orb:
-        editor = Editor()
+        editor, nameless = Editor(), Editor()
         orb.serve({"MapEditor": editor})
         own = orb.activate(editor, "MapEditor")  # as servers hand it to each other
         by_name = orb.reference(orb.uri_at(endpoint, "MapEditor"), RoboCorba.MapEditor)
-        assert (own.undo(7), by_name._get_currentVersion()) == (8, 7)
+        assert by_name._get_currentVersion() == 7
         with pytest.raises(CORBA.NO_PERMISSION):
             by_name.undo(7)
         secret = orb.activate(Editor(), "MapEditor/secret")
-        assert secret.undo(7) == 8
         assert orb.reference(orb.uri_at(endpoint, "MapEditor/secret"), RoboCorba.MapEditor)._non_existent()
         # As servers find an object of another one, which has the same secret.
-        assert orb.reference(orb.uri_for_servers(endpoint, "MapEditor"), RoboCorba.MapEditor).undo(7) == 8
-        nameless = Editor()
-        assert orb.activate(nameless).undo(7) == 8
+        found = orb.reference(orb.uri_for_servers(endpoint, "MapEditor"), RoboCorba.MapEditor)
+        assert [each.undo(7) for each in (own, secret, found, orb.activate(nameless))] == [8] * 4
         orb.deactivate(nameless)
         orb.withdraw("MapEditor")
         assert by_name._non_existent()
@@ -285,6 +278,7 @@ class Names:
     """A naming service that fails if it `fails`."""
 
     address = Address("127.0.0.1", 2809)
+    path = "RoboCorba/{}".format
 
     def __init__(self) -> None:
         self.bindings: dict[str, Any] = {}
@@ -293,9 +287,6 @@ class Names:
         #: bound.
         self.unreadable, self.refused = set[str](), set[str]()
         self._own: dict[str, Any] = {}
-
-    def path(self, name: str) -> str:
-        return f"RoboCorba/{name}"
 
     def bound(self, name: str) -> Any:
         self.calls += 1
@@ -393,14 +384,6 @@ def test_a_name_that_became_a_context_is_taken_back() -> None:
     assert bindings == {"A": "own"}
 
 
-def test_the_address_in_a_reference(nowhere: Address) -> None:
-    with Orb(nowhere) as orb:
-        uri = orb.uri(orb.reference("corbaloc:iiop:1.2@10.1.2.3:4567/some/key", CORBA.Object))
-    assert parsed(uri)[1:] == ("10.1.2.3:4567", b"some/key")
-    for malformed in ("", "IOR:", "IOR:zz", "IOR:00", "IOR:01000000ffffffff", "corbaloc::h/a", "IOR:01" * 9):
-        assert parsed(malformed) == Ior()
-
-
 def test_a_stolen_name_is_resolved_once_it_is_taken_back(monkeypatch: pytest.MonkeyPatch) -> None:
     right: Any = SimpleNamespace(_narrow=lambda interface: right, _non_existent=lambda: False)
     wrong = SimpleNamespace(_narrow=lambda interface: None)  # of another interface
@@ -418,24 +401,20 @@ def test_a_stolen_name_is_resolved_once_it_is_taken_back(monkeypatch: pytest.Mon
 
 
 def test_an_outage_is_logged_once_and_a_bad_link_once_a_minute(caplog: pytest.LogCaptureFixture) -> None:
-    now = 0.0
-    outages = module.BindingOutages(Address("127.0.0.1", 2809), lambda: now)
-    failed = [CORBA.TIMEOUT()]
+    clock, failed = Clock(), [CORBA.TIMEOUT()]
+    outages = module.BindingOutages(Address("127.0.0.1", 2809), clock)
     with caplog.at_level(logging.INFO):
-        for _ in range(10):
-            outages.note(failed)
-        outages.note([])
+        for problems in (*[failed] * 10, []):
+            outages.note(problems)
         for _ in range(20):  # the link changes every second for 40 s
-            now += 2.0
+            clock.now += 2.0
             outages.note(failed)
             outages.note([])
-        now += 60.0
+        clock.now += 60.0
         outages.note(failed)
-    assert caplog.messages == [
-        "cannot bind names at 127.0.0.1:2809 (TIMEOUT); retrying",
-        "names are bound at 127.0.0.1:2809 again",
-        "cannot bind names at 127.0.0.1:2809 (TIMEOUT); retrying; 20 times more since the last line",
-    ]
+    fails = "cannot bind names at 127.0.0.1:2809 (TIMEOUT); retrying"
+    again = "names are bound at 127.0.0.1:2809 again"
+    assert caplog.messages == [fails, again, f"{fails}; 20 times more since the last line"]
 
 
 def test_a_server_at_a_wrong_address_is_not_taken_for_the_naming_service(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -50,7 +50,7 @@ class Place:
     """Robot A with this agent, and a naming service that knows it."""
 
     def __init__(self, orb: Orb) -> None:
-        self.agent, self.bound = Agent(orb), ["A"]
+        self.agent, self.bound, self.clock = Agent(orb), ["A"], Clock()
         orb.accept_calls()
         reference = orb.activate(self.agent)
 
@@ -66,15 +66,10 @@ class Place:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
-    found = Clock()
-    monkeypatch.setattr(module.time, "monotonic", found)
-    return found
-
-
-@pytest.fixture
-def place(orb: Orb, clock: Clock) -> Place:
-    return Place(orb)
+def place(orb: Orb, monkeypatch: pytest.MonkeyPatch) -> Place:
+    place = Place(orb)
+    monkeypatch.setattr(module.time, "monotonic", place.clock)
+    return place
 
 
 def test_a_scan_is_from_where_the_robot_was(place: Place) -> None:
@@ -88,7 +83,7 @@ def test_a_scan_is_from_where_the_robot_was(place: Place) -> None:
     assert (place.scans("A") or [])[0].at[2] == pytest.approx(2.0 + 0.2)
 
 
-def test_whose_sensors_are_virtual(place: Place, clock: Clock) -> None:
+def test_whose_sensors_are_virtual(place: Place) -> None:
     assert place.scans("nobody") is None
     assert place.agent.states == 0
     place.agent.adaptor = VIRTUAL
@@ -96,7 +91,7 @@ def test_whose_sensors_are_virtual(place: Place, clock: Clock) -> None:
     place.agent.adaptor, place.agent.sensors = "corba", None
     assert place.scans("A") == []
     place.bound = []
-    clock.now += 10.0
+    place.clock.now += 10.0
     assert place.scans("A") is None
 
 

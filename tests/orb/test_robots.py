@@ -109,11 +109,11 @@ def test_checks_of_programs(servant: RobotAgentServant, agent: ServedAgent) -> N
     assert servant.checkProgram(program.dumps(WAITING)).isExecutable
     agent.report.add_finding("icons[0]", "seconds", "is wrong")
     check = servant.checkProgram(program.dumps(WAITING))
-    assert findings(check) == [
+    error, note = (
         ("PROGRAM_ERROR", "icons[0]", "seconds", "is wrong"),
         ("PROGRAM_NOTE", "icons[0]", "", "is not checked"),
-    ]
-    assert not check.isExecutable
+    )
+    assert (findings(check), check.isExecutable) == ([error, note], False)
     assert agent.checked == [WAITING] * 2
     agent.is_planner_away = True
     check = servant.checkProgram(program.dumps(WAITING))
@@ -124,9 +124,8 @@ def test_checks_of_programs(servant: RobotAgentServant, agent: ServedAgent) -> N
 def test_what_is_readable_of_an_agent(servant: RobotAgentServant, agent: ServedAgent) -> None:
     assert (servant._get_program(), servant._get_path()) == ("", [])
     assert (servant._get_channel(), servant._get_mission()) == ("a", "carry-1")
-    agent.program = WAITING
+    agent.program, agent.path = WAITING, [PathPoint(PointKind.START, "", "L1", 1.0, 2.0, 0.5, 0.0, 0.0, "")]
     assert program.loads(servant._get_program()) == WAITING
-    agent.path = [PathPoint(PointKind.START, "", "L1", 1.0, 2.0, 0.5, 0.0, 0.0, "")]
     (point,) = servant._get_path()
     assert (point.kind, point.position.floor, point.position.x, point.position.y) == (RoboCorba.START, "L1", 1.0, 2.0)
 
@@ -324,7 +323,7 @@ def test_a_robot_that_was_logged_off_logs_on_where_it_is_now(
     assert server.started_on == floors
 
 
-def test_heartbeats_after_calls_are_left_out(
+def test_heartbeats_after_calls_are_spared(
     session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = 100.0
@@ -375,11 +374,10 @@ def test_how_long_robots_wait(session: RemoteSession, server: Server, monkeypatc
     with pytest.raises(RobotLost, match="does not answer"):
         session.brake()
     assert 1 < len(server.calls) < 20
-    server.calls.clear()
     monkeypatch.setattr(module, "RETRY_S", 30.0)
     server.failing = 0
     session.announce_body(False)  # actual robots don't wait
-    server.failing = 2
+    server.calls, server.failing = [], 2
     for operation in ("brake", "command"):
         with pytest.raises(RobotLost, match="does not answer"):
             CALLS[operation](session)
@@ -427,17 +425,11 @@ def test_after_a_goal_the_program_runs_that_was_loaded_last_not_the_goal_again()
         with pytest.raises(IllegalOrder, match="has loaded none, only driven to a goal"):
             orders.run()
         orders.load(ROUND)
-        drive()
-        orders.run()
-        orders.run()
-        drive()
-        drive()
-        orders.run()
-        agent.loaded = OTHER  # by the console
-        drive()
-        orders.run()
-        agent.loaded = ROUND
-        orders.run()
+        for order in (drive, orders.run, orders.run, drive, drive, orders.run):
+            order()
+        for loaded, order in ((OTHER, drive), ("", orders.run), (ROUND, orders.run)):  # by the console
+            agent.loaded = loaded or agent.loaded
+            order()
     assert agent.ran == [GOAL, GOAL, "round", "round", GOAL, GOAL, "round", GOAL, "other", "round"]
 
 
@@ -477,32 +469,26 @@ def test_a_restart_of_a_crowd_leaves_nobody_stopped() -> None:
     assert crowd.stopped == set()
 
 
-def test_robots_that_hang_cost_the_others_nothing_but_their_place() -> None:
+def test_robots_that_hang_or_refuse_cost_the_others_nothing_and_their_reasons_are_given() -> None:
     crowd, end = Crowd(len(NAMES)), threading.Event()
+    refusals = {"R1": NotReachable("is away"), "R2": ValueError("a fault")}
 
     def order(agent: RemoteAgent) -> None:
         if agent.name in ("R0", "R7"):
             end.wait(60.0)
+        if agent.name in refusals:
+            raise refusals[agent.name]
         crowd.stopped.discard(agent.name)
 
     found = dict(order_all(crowd, NAMES, order, OrderLimits(4, 1.0, 3.0)))  # type: ignore[arg-type]
-    assert {name for name, problem in found.items() if problem} == {"R0", "R7"}
-    assert found["R0"] == "did not answer within 3 s"
+    assert {name for name, problem in found.items() if problem} == {"R0", "R1", "R2", "R7"}
+    assert (found["R0"], found["R1"]) == ("did not answer within 3 s", "is away")
+    assert "ValueError: a fault" in found["R2"]
     crowd.asked.clear()  # after the limit nobody else is called
-    assert all(problem for _, problem in order_all(crowd, ["R0", "R7", "R1"], order, OrderLimits(2, 1.0, 0.1)))  # type: ignore[arg-type]
+    assert all(problem for _, problem in order_all(crowd, ["R0", "R7", "R3"], order, OrderLimits(2, 1.0, 0.1)))  # type: ignore[arg-type]
     end.set()
     assert sorted(crowd.asked) == ["Robots/R0", "Robots/R7"]
-
-
-def test_the_reason_of_each_is_given() -> None:
-    def refuse(agent: RemoteAgent) -> None:
-        raise NotReachable("is away") if agent.name == "R1" else ValueError("a fault")
-
-    crowd: Any = Crowd(2)
-    found = dict(order_all(crowd, ["R1", "R2"], refuse))
-    assert found["R1"] == "is away"
-    assert "ValueError: a fault" in found["R2"]
-    assert list(order_all(crowd, [], refuse)) == []
+    assert list(order_all(crowd, [], order)) == []  # type: ignore[arg-type]
     assert control_agent.URGENT.at_once > len(NAMES)
 
 

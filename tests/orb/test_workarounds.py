@@ -8,12 +8,8 @@ import sys
 from pathlib import Path
 
 import omniORB
-import pytest
-from omniORB import CORBA, interceptors
 
 from robocorba.orb import workarounds
-from robocorba.orb.workarounds import descriptor_of, named_type, operation_of, operations_of, tc
-from robocorba.stubs import RoboCorba, RoboCorba__POA
 
 PACKAGE = Path(workarounds.__file__).parents[1]
 PRIVATE = r"tcInternal|typeMapping|typeCodeMapping|objrefMapping|createUnknownValue|_omni_op_d|\._obj\b|mallopt"
@@ -30,19 +26,6 @@ def test_private_parts_are_used_in_one_file() -> None:
     used = {str(file.relative_to(PACKAGE)): re.findall(PRIVATE, file.read_text()) for file in files}
     assert {file: found for file, found in used.items() if found and file != "orb/bounded_any.py"} == {}
     assert set(used["orb/bounded_any.py"]) == {"tcInternal"}  # in its docstring
-
-
-@pytest.mark.usefixtures("orb")
-def test_the_parts_are_there() -> None:
-    assert named_type("IDL:RoboCorba/Point:1.0") == RoboCorba._d_Point
-    assert (tc.tv_struct, tc.tv_union, tc.tv_any, tc.tv__indirect) == (15, 16, 11, -1)
-    assert descriptor_of(tc.createTypeCode(RoboCorba._d_Point)) == RoboCorba._d_Point
-    arguments, results, raised, *_ = operations_of(RoboCorba__POA.PathPlanner)["getPath"]
-    assert (len(arguments), len(results)) == (2, 1) and raised
-    assert operation_of(RoboCorba.PathPlanner, "getPath")[0] == arguments
-    assert workarounds.has_stubs("IDL:RoboCorba/PathPlanner:1.0") and not workarounds.has_stubs("IDL:No/Such:1.0")
-    assert CORBA.Object("the object")._obj == "the object"
-    assert callable(interceptors.addAssignUpcallThread)
 
 
 def test_the_faults_are_there() -> None:
