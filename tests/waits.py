@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import sys
 import threading
@@ -73,3 +74,13 @@ def until_waiting(thread: threading.Thread) -> None:
         return frame is not None and frame.f_code.co_filename == waits and "wait" in frame.f_code.co_name
 
     eventually(is_waiting, what=f"{thread.name} waits")
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Until a condition holds, in an event loop that goes on meanwhile."""
+
+    async def poll() -> None:
+        while not condition():
+            await asyncio.sleep(0.005)
+
+    await asyncio.wait_for(poll(), 60.0)

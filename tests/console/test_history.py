@@ -158,15 +158,9 @@ def films() -> Iterator[Films]:
     films.close()
 
 
-def driven_history(seconds: int, began: float = 1000.0) -> History:
-    """A robot that drives 1 m a second along x, seen once a second."""
-    history, view = History(), FloorView(FLOOR)
-    for second in range(seconds + 1):
-        motions = np.zeros(1, MOTION)
-        motions["number"], motions["x"], motions["y"], motions["vx"] = 7, 2.0 + second, 3.0, 1.0
-        view.apply(FloorUpdate(FLOOR, WHOLE, second + 1, float(second), 1, [BODY], [], motions, {}))
-        history.add(view, began + second)
-    return history
+def driven_history(seconds: int) -> History:
+    """A robot that drives 1 m a second along x, seen once a second since 1000.0."""
+    return history_with(*({BODY: (2.0 + second, 3.0, 0.0)} for second in range(seconds + 1)), began=1000.0)
 
 
 def places(moments: list[Moment]) -> list[tuple[float, float]]:
@@ -263,35 +257,27 @@ def test_bad_films_are_refused(building: Building, films: Films, end_s: float, s
 
 
 def test_floor_plans() -> None:
-    building = two_floors()
-    for floor in building.floors:
+    name = "<script>alert(1)</script>\u202e'\"&"
+    building = two_floors().with_changes([(ElementKind.WALL, "L1", name, Wall(name, (1.0, 1.0), (2.0, 1.0)))])
+    gaps_m = doors_m = 0.0
+    for floor, entry in building.floors.items():
         plan = json.loads(json.dumps(floor_plan(building, floor), allow_nan=False))
         assert plan["name"] == floor
-        entry = building.floors[floor]
-        assert {wall["name"] for wall in plan["walls"]} == set(entry.geometrical.walls)
-        assert {node["name"] for node in plan["nodes"]} == set(entry.topological.nodes)
-        assert {edge["name"] for edge in plan["edges"]} == set(entry.topological.edges)
+        roads = entry.topological
+        for kind, known in (("walls", entry.geometrical.walls), ("nodes", roads.nodes), ("edges", roads.edges)):
+            assert {each["name"] for each in plan[kind]} == set(known)
         assert {one["name"] for one in plan["elevators"]} <= set(building.elevators)
         x_min, y_min, x_max, y_max = plan["bounds"]
         assert x_min < x_max and y_min < y_max
-    building, name = two_floors(), "<script>alert(1)</script>\u202e'\"&"
-    renamed = building.with_changes([(ElementKind.WALL, "L1", name, Wall(name, (1.0, 1.0), (2.0, 1.0)))])
-    walls = json.loads(json.dumps(floor_plan(renamed, "L1")))["walls"]
-    assert name in [wall["name"] for wall in walls]
+        for wall in plan["walls"]:
+            drawn_m = sum(math.dist(a, b) for piece in wall["pieces"] for a, b in itertools.pairwise(piece))
+            assert drawn_m <= math.dist(wall["a"], wall["b"]) + 1e-3
+            gaps_m += math.dist(wall["a"], wall["b"]) - drawn_m
+        doors_m += sum(math.dist(door["a"], door["b"]) for door in plan["doors"])
+    assert doors_m > 0.1
+    assert gaps_m == pytest.approx(doors_m, abs=1e-3)
     with pytest.raises(KeyError):
         floor_plan(building, "L9")
-    building = two_floors()
-    gaps = 0.0
-    for floor in building.floors:
-        for wall in floor_plan(building, floor)["walls"]:
-            drawn = sum(math.dist(a, b) for piece in wall["pieces"] for a, b in itertools.pairwise(piece))
-            assert drawn <= math.dist(wall["a"], wall["b"]) + 1e-3
-            gaps += math.dist(wall["a"], wall["b"]) - drawn
-    doors = sum(
-        math.dist(door["a"], door["b"]) for floor in building.floors for door in floor_plan(building, floor)["doors"]
-    )
-    assert doors > 0.1
-    assert gaps == pytest.approx(doors, abs=1e-3)
 
 
 LINK = {"peer": "b", "direction": "INCOMING", "condition": "UP"}
@@ -431,15 +417,15 @@ TABLE_1 = Body(3, BodyKind.OBJECT, "table 1", 0.56, TABLE, 20.0)
 AWAY, MIDDLE = (3.0, 2.0, 0.0), (5.0, 2.0, 0.0)
 
 
-def history_with(*moments: dict[Body, tuple[float, float, float]]) -> History:
-    """A floor once a second from time 0; a moment has the place x, y, heading of each body."""
+def history_with(*moments: dict[Body, tuple[float, float, float]], began: float = 0.0) -> History:
+    """A floor once a second; a moment has the place x, y, heading of each body."""
     history, view = History(), FloorView(FLOOR)
-    for at_s, places in enumerate(moments):
+    for second, places in enumerate(moments):
         motions = np.zeros(len(places), MOTION)
         for row, (body, place) in zip(motions, places.items(), strict=True):
             row["number"], (row["x"], row["y"], row["heading"]) = body.number, place
-        view.apply(FloorUpdate(FLOOR, WHOLE, at_s + 1, float(at_s), 1, list(places), [], motions, {}))
-        history.add(view, float(at_s))
+        view.apply(FloorUpdate(FLOOR, WHOLE, second + 1, float(second), 1, list(places), [], motions, {}))
+        history.add(view, began + second)
     return history
 
 
@@ -494,7 +480,7 @@ class FakeState:
         return {"naming": "", "server": server, "robots": {}, "channels": {}}
 
 
-def test_a_robot_that_logged_off_is_known_until_it_is_forgotten(monkeypatch: Any) -> None:
+def test_a_robot_that_logged_off_is_known_until_it_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     fake = FakeState()
     state = MonitorState(fake, History())
     for clients, gone in ((["R1", "R2"], []), (["R2"], ["R1"]), ([], ["R1", "R2"]), (["R2"], ["R1"])):
@@ -508,9 +494,7 @@ def test_a_robot_that_logged_off_is_known_until_it_is_forgotten(monkeypatch: Any
     assert state.rows()["gone"] == {}
     assert fake.forgotten == ["R1"]
     monkeypatch.setattr(monitor_state, "MAX_GONE", 3)
-    fake = FakeState()
-    state = MonitorState(fake, History())
-    for number in range(9):
+    for number in range(3, 9):
         fake.clients = [f"R{number}"]
         state.update()
     fake.clients = []
@@ -522,12 +506,9 @@ def test_the_span_to_look_back_begins_with_the_history_and_happenings_are_number
     state = MonitorState(fake, history)
     began, now = state.rows()["past"]
     assert began == now
-    view = FloorView("L1")
-    view.apply(FloorUpdate("L1", WHOLE, 1, 0.0, 1, [], [], np.empty(0, MOTION), {}))
-    history.add(view, now - 10.0)
+    history.add(view(), now - 10.0)
     assert state.rows()["past"][0] == now - 10.0
-    state.update()
-    fake.clients = ["R1"]
-    state.update()
+    for fake.clients in ([], ["R1"]):
+        state.update()
     assert state.rows()["happenings"] == 1
     assert state.happenings.after(0)[0].text == "R1 has logged on"

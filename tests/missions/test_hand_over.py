@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections.abc import Iterator
 from itertools import pairwise
+from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 import shapely
 
@@ -16,6 +16,7 @@ from robocorba.clients.cooperative_planners import PLANNERS
 from robocorba.errors.robots import MissionFailed
 from robocorba.map_editor.geometry import Obstacle
 from robocorba.map_editor.model import Building, Floor
+from robocorba.map_editor.spatial.frames import out_of
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.map_editor.topology import topological_map
 from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOverPlanner
@@ -26,8 +27,7 @@ from robocorba.robot.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M
 from robocorba.robot.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.robot.programs import icons
 from testkit.buildings import two_storeys
-from tests.missions.places import Crew
-from tests.missions.worlds import MapWorld
+from tests.missions.places import Crew, MapWorld
 from tests.robot.places import Place
 
 pytestmark = pytest.mark.slow
@@ -141,48 +141,33 @@ def test_too_small_rooms_are_refused() -> None:
 # ---- two robots ----
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
-
-
-@pytest.fixture
-def crew(place: Place) -> Iterator[Crew]:
-    crew = Crew(place, {"A": Pose("L1", 7.0, 2.4, 1.57), "B": Pose("L1", 7.0, 4.0, -1.57)})
-    yield crew
-    crew.close()
-
-
-def test_two_robots_hand_a_sheet_over(crew: Crew, place: Place) -> None:
-    at = crew.agents["A"].place
-    planner = HandOverPlanner(MapWorld(place.building), "sheet", "A", "B", "A", Spot(at.floor, at.x, at.y))
+def test_two_robots_hand_a_sheet_over(tmp_path: Path) -> None:
     kinematics, ended = InverseKinematics(), threading.Event()
-    apart: list[float] = []
-    touching: list[list[tuple[str, str]]] = []
+    apart, touching = list[float](), list[list[tuple[str, str]]]()
 
-    def look() -> None:
+    def look(crew: Crew) -> None:
         while not ended.wait(0.05):
             giver, taker = (crew.agents[name].state.actor for name in ("A", "B"))
             touching.extend(found for each in (giver, taker) if (found := kinematics.body.collisions(each.joints)))
-            shut = [abs(each.joints[GRIP[side]] - SHUT_RAD) < 0.01 for each, side in ((giver, GIVING), (taker, TAKING))]
-            if all(shut):
+            both = ((giver, GIVING), (taker, TAKING))
+            if all(abs(each.joints[GRIP[side]] - SHUT_RAD) < 0.01 for each, side in both):
                 hands = []
-                for each, side in ((giver, GIVING), (taker, TAKING)):
-                    hand, c, s = kinematics.body.hand(side, each.joints), math.cos(each.heading), math.sin(each.heading)
-                    hands.append((each.x + c * hand.x - s * hand.y, each.y + s * hand.x + c * hand.y, hand.z))
+                for each, side in both:
+                    hand = kinematics.body.hand(side, each.joints)
+                    hands.append((*out_of(hand.x, hand.y, (each.x, each.y, each.heading)), hand.z))
                 apart.append(math.dist(*hands))
 
-    thread = threading.Thread(target=look)
-    thread.start()
-    report = crew.leader("A").lead("hand over", lambda: planner)
-    ended.set()
-    thread.join()
-    assert (report.result, report.reason) == ("done", "")
-    assert not touching
-    assert apart == pytest.approx([SHEET_M - 2 * GRIP_DEPTH_M] * len(apart), abs=0.01) and apart
-    joints = {name: np.array(crew.agents[name].state.actor.joints) for name in ("A", "B")}
-    assert len(joints["A"]) == len(JOINTS)
-    assert joints["A"][GRIP[GIVING]] == pytest.approx(OPEN_RAD, abs=0.01)
-    assert joints["B"][GRIP[TAKING]] == pytest.approx(SHUT_RAD, abs=0.01)
+    robots = {"A": Pose("L1", 7.0, 2.4, 1.57), "B": Pose("L1", 7.0, 4.0, -1.57)}
+    with contextlib.closing(Place(tmp_path)) as place, contextlib.closing(Crew(place, robots)) as crew:
+        planner = HandOverPlanner(MapWorld(place.building), "sheet", "A", "B", "A", Spot(*robots["A"][:3]))
+        thread = threading.Thread(target=look, args=(crew,))
+        thread.start()
+        report = crew.leader("A").lead("hand over", lambda: planner)
+        ended.set()
+        thread.join()
+        assert (report.result, report.reason) == ("done", "")
+        assert not touching
+        assert apart == pytest.approx([SHEET_M - 2 * GRIP_DEPTH_M] * len(apart), abs=0.01) and apart
+        a, b = (crew.agents[name].state.actor.joints for name in ("A", "B"))
+        assert len(a) == len(JOINTS)
+        assert (a[GRIP[GIVING]], b[GRIP[TAKING]]) == pytest.approx((OPEN_RAD, SHUT_RAD), abs=0.01)

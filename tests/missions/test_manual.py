@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
@@ -58,19 +58,12 @@ def test_the_program_of_the_manual_is_valid(capsys: pytest.CaptureFixture[str]) 
     ]
 
 
-@pytest.fixture
-def crew(tmp_path: Path) -> Iterator[Crew]:
-    place = Place(tmp_path)
-    crew = Crew(place, {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 8.5, 2.2, 3.14)})
-    yield crew
-    crew.close()
-    place.close()
-
-
-def test_the_new_icon_of_the_tutorial_works(crew: Crew) -> None:
+def test_the_new_icon_of_the_tutorial_works(tmp_path: Path) -> None:
     found: dict[str, Any] = {}
     exec(compile(SALUTE, "planner.py", "exec", dont_inherit=True), found)
-    report = crew.leader("A").lead("salute", lambda: found["Salute"]("B", Spot("L1", 7.0, 2.0)))
+    robots = {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 8.5, 2.2, 3.14)}
+    with contextlib.closing(Place(tmp_path)) as place, contextlib.closing(Crew(place, robots)) as crew:
+        report = crew.leader("A").lead("salute", lambda: found["Salute"]("B", Spot("L1", 7.0, 2.0)))
     assert (report.result, report.reason) == ("done", "")
     assert [phase.name for phase in report.phases] == ["gathering", "saluting"]
     with pytest.raises(MissionFailed, match="C did not offer to help"):
