@@ -102,16 +102,14 @@ def x_at(history: History, at_s: float) -> float:
 def test_looking_back_shows_the_moment_before() -> None:
     history = history_of((10.0, 1.0), (11.0, 2.0), (12.0, 3.0))
     assert [x_at(history, at) for at in (0.0, 10.0, 10.9, 11.0, 11.5, 99.0)] == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0]
-    assert history.span() == (10.0, 12.0)
-    assert history.floors == ["L1"]
+    assert (history.span(), history.floors, History().span()) == ((10.0, 12.0), ["L1"], (0.0, 0.0))
     header, _ = read(history.frame("L1", 10.0))
     assert header["whole"] and header["elevators"]["E"]["riders"] == ["A"]
-    assert History().span() == (0.0, 0.0)
-    with pytest.raises(UnknownFloor):
-        history.frame("L9", 1.0)
+    for look in (history.frame, lambda floor, at: history.between(floor, 0.0, at)):
+        with pytest.raises(UnknownFloor):
+            look("L9", 1.0)
     history = history_of((10.0, 1.0), (10.0 + INTERVAL_S / 2, 2.0), (10.0 + INTERVAL_S, 3.0))
-    assert x_at(history, 10.0 + INTERVAL_S / 2) == 1.0
-    assert x_at(history, 11.0) == 3.0
+    assert [x_at(history, at) for at in (10.0 + INTERVAL_S / 2, 11.0)] == [1.0, 3.0]
     assert history_of((10.0, 1.0), (15.0, 2.0), (21.0, 3.0), kept_s=10.0).span() == (15.0, 21.0)
 
 
@@ -119,10 +117,8 @@ def test_looking_back_shows_the_moment_before() -> None:
 def test_the_past_stays_as_long_ago_as_it_is_when_the_clock_is_set(ahead_s: float) -> None:
     epoch = 1.7e9
     history = History(kept_s=10.0, epoch=lambda: epoch)
-    for at in range(3):
-        history.add(view((1, at)), float(at))
-    epoch += ahead_s
-    for at in range(3, 6):
+    for at in range(6):
+        epoch += ahead_s if at == 3 else 0.0
         history.add(view((1, at)), float(at))
     assert history.span() == (epoch, epoch + 5.0)
     assert [x_at(history, epoch + at) for at in range(6)] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
@@ -169,38 +165,31 @@ def places(moments: list[Moment]) -> list[tuple[float, float]]:
 
 
 def test_spans_are_recorded(tmp_path: Path, building: Building) -> None:
-    history = driven_history(5)
+    history, file = driven_history(5), tmp_path / "span.mcap"
     assert places(history.between(FLOOR, 1001.5, 1003.0)) == [(1001.5, 3.0), (1002.0, 4.0), (1003.0, 5.0)]
     assert places(history.between(FLOOR, 10.0, 1001.0)) == [(1000.0, 2.0), (1001.0, 3.0)]
-    with pytest.raises(UnknownFloor):
-        history.between("cellar", 0.0, 1.0)
-    file = tmp_path / "span.mcap"
-    record(file, building, FLOOR, driven_history(5).between(FLOOR, 1001.0, 1003.0), 1004.5)
+    record(file, building, FLOOR, history.between(FLOOR, 1001.0, 1003.0), 1004.5)
     recording = Recording(file)
-    assert recording.began == pytest.approx(1001.0)
-    assert recording.duration_s == pytest.approx(3.5)
+    assert (recording.began, recording.duration_s) == pytest.approx((1001.0, 3.5))
     view = recording.at(1.0, [FLOOR])[FLOOR]
     assert [body.name for body in view.bodies.values()] == ["R1"]
     assert view.motions["x"][0] == pytest.approx(4.0)
-    file, recordings = tmp_path / "x.mcap", Recordings()
-    file.write_text("no recording")
-    with pytest.raises(InvalidRecording):
-        recordings.open(file, "x")
-    assert recordings.rows() == []
 
 
 def test_recordings_are_closed_for_newer_ones(
     tmp_path: Path, building: Building, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recordings_module, "MAX_OPEN", 2)
-    file = tmp_path / "span.mcap"
+    file, recordings = tmp_path / "span.mcap", Recordings()
+    file.write_text("no recording")
+    with pytest.raises(InvalidRecording):
+        recordings.open(file, "x")
+    assert recordings.rows() == []
     record(file, building, FLOOR, driven_history(5).between(FLOOR, 1000.0, 1005.0), 1005.0)
-    recordings = Recordings()
     first = recordings.open(file, "monday.mcap")
     assert first.row() == {"key": first.key, "name": "monday.mcap", "floors": [FLOOR], "past": [1000.0, 1005.0]}
     [(at, x)] = places([first.history.at(FLOOR, 1002.1)])
-    assert at == pytest.approx(1002.0)
-    assert x == 4.0
+    assert (at, x) == (pytest.approx(1002.0), 4.0)
     assert first.plan(FLOOR)["name"] == FLOOR
     with pytest.raises(UnknownFloor):
         first.plan("cellar")
@@ -212,33 +201,28 @@ def test_recordings_are_closed_for_newer_ones(
 
 
 def test_a_film_is_made(building: Building, films: Films) -> None:
-    moments = driven_history(3).between(FLOOR, 1000.0, 1003.0)
-    number = films.start(building, FLOOR, moments, 1003.0, 20.0)
+    number = start_film(films, building, 1003.0, 20.0)
     with pytest.raises(NotPossible, match="another film"):
-        films.start(building, FLOOR, moments, 1003.0, 20.0)
+        start_film(films, building, 1003.0, 20.0)
     eventually(lambda: films.state(number)["phase"] != "making", 120.0, "the end of the film's making")
     assert films.state(number)["problem"] == ""
     assert films.file(number).read_bytes()[4:8] == b"ftyp"
 
 
+def start_film(films: Films, building: Building, end_s: float, speed: float) -> int:
+    return films.start(building, FLOOR, driven_history(3).between(FLOOR, 1000.0, min(end_s, 1003.0)), end_s, speed)
+
+
 def test_a_film_that_fails_says_so(building: Building, films: Films, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise KeyError("a defect")
-
-    def start() -> int:
-        return films.start(building, FLOOR, driven_history(3).between(FLOOR, 1000.0, 1003.0), 1003.0, 1.0)
-
-    number = start()
-    films.cancel(number)
-    assert (films.state(number)["phase"], films.state(number)["problem"]) == ("failed", "cancelled")
-    with pytest.raises(NotPossible, match="not ready"):
-        films.file(number)
-    monkeypatch.setattr(films_module, "record", fail)
-    number = start()
-    eventually(lambda: films.state(number)["phase"] != "making", what="the end of the film's making")
-    assert films.state(number)["problem"] == DEFECT
-    with pytest.raises(NotPossible, match="not ready"):
-        films.file(number)
+    for problem in ("cancelled", DEFECT):
+        number = start_film(films, building, 1003.0, 1.0)
+        if problem == "cancelled":
+            films.cancel(number)
+        eventually(lambda number=number: films.state(number)["phase"] != "making", what="the end of the film's making")
+        assert (films.state(number)["phase"], films.state(number)["problem"]) == ("failed", problem)
+        with pytest.raises(NotPossible, match="not ready"):
+            films.file(number)
+        monkeypatch.setattr(films_module, "record", lambda *_: {}["a defect"])
 
 
 @pytest.mark.parametrize(

@@ -80,11 +80,15 @@ def test_a_viewer_gets_everything_and_then_changes() -> None:
 
 def test_scans_of_a_fan() -> None:
     feed = ScanFeed()
+
+    def shown(seen: RobotScan, is_whole: bool = False) -> dict[str, Any]:
+        feed.receive([seen], is_whole, 1.1, 50.1)
+        found: dict[str, Any] = json.loads(feed.since(NOTHING).entries[f"{seen.robot}/sensor 1"])
+        return found
+
     hits = np.array([True, False, True])
     seen = of_fan("A", Fan(-0.1, 0.1, 3, 2.0), rim_m=0.4, distances=np.array([0.5, 2.0, 1.23456]), hits=hits)
-    feed.receive([seen], True, 1.0, 50.0)
-    (text,) = feed.since(NOTHING).entries.values()
-    assert json.loads(text) == {
+    assert shown(seen, is_whole=True) == {
         **{"key": "A/sensor 1", "robot": "A", "sensor": "sensor 1", "time": 1.0},
         "pose": {"x": 1.0, "y": 2.0, "heading": 0.0},
         "mount": {"ahead": 0.0, "left": 0.0, "heading": 0.0},
@@ -92,33 +96,24 @@ def test_scans_of_a_fan() -> None:
         **{"range": 2.0, "rim": 0.4, "ranges": [0.9, 2.4, pytest.approx(1.635)], "hits": [1, 0, 1], "virtual": True},
     }
     own = seen._replace(time=1.1, is_virtual=False, unmapped=np.array([False, False, True]))
-    feed.receive([own], False, 1.1, 50.1)
-    (text,) = feed.since(NOTHING).entries.values()
-    assert (json.loads(text)["hits"], json.loads(text)["virtual"]) == ([1, 0, 2], False)
-    nearer = own._replace(distances=own.distances / 2)
-    feed.receive([nearer], False, 1.1, 50.2)  # simulated time is paused, the robot goes on
-    (text,) = feed.since(NOTHING).entries.values()
-    assert json.loads(text)["ranges"][0] == 0.65
+    assert shown(own).items() >= {"hits": [1, 0, 2], "virtual": False}.items()
+    assert shown(own._replace(distances=own.distances / 2))["ranges"][0] == 0.65  # simulated time is paused
     many = Fan(0.0, 0.001, 2 * MAX_RAYS + 1, 2.0)
-    feed.receive([of_fan("B", many, distances=np.linspace(0.0, 1.0, many.count))], False, 1.1, 50.2)
-    thin = json.loads(feed.since(NOTHING).entries["B/sensor 1"])
+    thin = shown(of_fan("B", many, distances=np.linspace(0.0, 1.0, many.count)))
     assert thin["angles"] == {"first": 0.0, "step": pytest.approx(0.003), "count": 481} and len(thin["hits"]) == 481
     assert thin["ranges"][-1] == pytest.approx(1.0, abs=0.001)
-    other = Fan(0.0, 0.1, 3, 2.0)
-    found = [
-        *(of_fan("A", LASER), of_fan("A", PROXIMITY), of_fan("A", LASER, ahead=0.2), of_fan("A", other)),
-        *(of_fan("A", other, ahead=0.2), of_fan("B", LASER)),
-    ]
-    names, first = (
-        ["A/laser", "A/proximity", "A/laser 2", "A/sensor 1", "A/sensor 2", "B/laser"],
-        (found, True, 1.0, 50.0),
-    )
-    assert keys_after(first) == names
-    assert keys_after(first, ([of_fan("A", LASER, 2.0, ahead=0.2)], False, 2.0, 51.0)) == names  # it keeps its name
 
+
+def test_scans_keep_their_names_until_they_end() -> None:
     def seen(time: float, robot: str = "A") -> RobotScan:
         return of_fan(robot, LASER, time)
 
+    other = Fan(0.0, 0.1, 3, 2.0)
+    found = [of_fan("A", fan, ahead=ahead) for ahead in (0.0, 0.2) for fan in (LASER, other)]
+    first = [of_fan("B", LASER), of_fan("A", PROXIMITY), *found], True, 1.0, 50.0
+    names = ["B/laser", "A/proximity", "A/laser", "A/sensor 1", "A/laser 2", "A/sensor 2"]
+    assert keys_after(first) == names
+    assert keys_after(first, ([of_fan("A", LASER, 2.0, ahead=0.2)], False, 2.0, 51.0)) == names
     both, b = ([seen(1.0), seen(1.0, "B")], True, 1.0, 50.0), [seen(1.1, "B")]
     assert keys_after(both, (b, False, 1.1, 50.1)) == ["A/laser", "B/laser"]
     assert keys_after(both, (b, False, 1.1, 50.1), (b, True, 1.1, 50.1)) == ["B/laser"]  # A has left
@@ -249,6 +244,9 @@ def test_scans_and_postures_go_to_viewers_as_messages(console: Console) -> None:
     assert console.message("scans", "L1") == {"floor": "L1", "whole": False, "gone": ["A/laser"], "scans": []}
     assert console.message("postures", "L1") == {"floor": "L1", "whole": False, "gone": ["A"], "robots": {}}
     assert console.message("postures", "L2")["robots"] == {name: [0.7], "A": [0.1235]}
+    del console.angles["L2"]
+    console.follow()
+    assert sorted(console.message("postures", "L2")["gone"]) == [name, "A"]
 
 
 def test_what_sensors_see_now_goes_before_what_programs_saw(console: Console) -> None:

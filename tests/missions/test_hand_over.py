@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import math
 import threading
-from itertools import pairwise
 from pathlib import Path
 
 import msgspec
@@ -20,7 +19,7 @@ from robocorba.map_editor.spatial.frames import out_of
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.map_editor.topology import topological_map
 from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOverPlanner
-from robocorba.missions.subplan import CooperativePlan, Gather, Grip
+from robocorba.missions.subplan import CooperativePlan, Gather
 from robocorba.planning.request import Place as Spot
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD
@@ -84,32 +83,16 @@ def test_they_meet_clear_of_moved_objects() -> None:
     assert min(here.x, there.x) > BOARD.bounds[2] - 1.0
 
 
-def test_the_taker_grips_before_the_giver_lets_go(world: MapWorld) -> None:
-    plan = planned(world, "A", "B")
-    shut = {"A": True, "B": False}
-    seen = []
-    for steps in zip(*(subplan.steps for subplan in plan.subplans), strict=True):
-        for subplan, step in zip(plan.subplans, steps, strict=True):
-            if isinstance(step, Grip):
-                shut[subplan.robot] = step.closes
-        seen.append((shut["A"], shut["B"]))
-    assert [now for before, now in pairwise([None, *seen]) if now != before] == [
-        *((True, False), (True, True), (False, True)),
-    ]
-
-
-def test_the_leader_need_not_take_part(world: MapWorld) -> None:
-    own = HandOverPlanner(world, "sheet", "A", "B", "A", ROBOTS["A"])
-    assert (own.required, own.helpers) == ({"B"}, 1)
-    others = HandOverPlanner(world, "sheet", "B", "C", "A", ROBOTS["A"])
-    assert (others.required, others.helpers) == ({"B", "C"}, 2)
-    assert [subplan.robot for subplan in others.plan("m", "A", ROBOTS).subplans] == ["B", "C"]
-
-
-def test_the_icon_has_a_planner(world: MapWorld) -> None:
-    for icon, required in ((icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})):
-        found = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])
-        assert isinstance(found, HandOverPlanner) and found.required == required
+@pytest.mark.parametrize(
+    ("icon", "required"),
+    [(icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})],
+)
+def test_the_leader_need_not_take_part(world: MapWorld, icon: icons.HandOver, required: set[str]) -> None:
+    planner = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])
+    assert isinstance(planner, HandOverPlanner)
+    assert (planner.required, planner.helpers) == (required, len(required))
+    carriers = required if len(required) == 2 else {"A", *required}
+    assert {subplan.robot for subplan in planner.plan("m", "A", ROBOTS).subplans} == carriers
 
 
 def test_impossible_hand_overs_are_refused(world: MapWorld) -> None:

@@ -23,7 +23,7 @@ from robocorba.missions.carry_progress import CATCH_UP_RATE
 from robocorba.missions.cooperative_planner import ReserveOneOf
 from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.leader_policy import LeaderPolicy
-from robocorba.missions.lookout import Seen
+from robocorba.missions.lookout import Look, Seen
 from robocorba.missions.member import MemberPolicy
 from robocorba.missions.recorder import LedMission
 from robocorba.missions.report import MissionReport
@@ -100,6 +100,13 @@ def leading(
     return thread, reports
 
 
+def done(crew: Crew, planner: Given, policy: LeaderPolicy = LEADING, look: Look = lambda: ()) -> MissionReport:
+    """The report of a mission that A leads to its end."""
+    report = crew.leader("A", policy, look).lead("test", lambda: planner)
+    assert (report.result, report.reason) == ("done", "")
+    return report
+
+
 def are_free(crew: Crew) -> None:
     eventually(lambda: all(agent.is_free for agent in crew.agents.values()), "all are free again")
 
@@ -110,8 +117,7 @@ def has_come_to(crew: Crew, name: str, x: float, y: float) -> None:
 
 def test_steps_are_synchronized_and_reported(crew: Crew) -> None:
     planner = Given([near("A", 0.2), Idle()], [near("B", 0.1), Idle()], [Idle(), Idle()])
-    report = crew.leader("A").lead("test", lambda: planner)
-    assert (report.result, report.reason) == ("done", "")
+    report = done(crew, planner)
     first, second = report.phases
     assert set(first.started) == set(second.done) == {"A", "B", "C"}
     assert min(second.started.values()) >= max(first.done.values())
@@ -142,8 +148,7 @@ def test_busy_robots_are_waited_for_and_those_that_do_not_exist_are_not(crew: Cr
 def test_the_nearest_robots_are_the_candidates(crew: Crew) -> None:
     near_c = Given([Idle()], [Idle()])
     near_c.meeting_point = Spot(*ROBOTS["C"][:3])
-    report = crew.leader("A", replace(LEADING, spare_candidates=0)).lead("test", lambda: near_c)
-    assert report.result == "done"
+    report = done(crew, near_c, replace(LEADING, spare_candidates=0))
     assert set(report.measurements) == {"A", "C"}
 
 
@@ -271,8 +276,7 @@ class InTheirWay(Given):
 
 def test_a_free_robot_steps_aside(crew: Crew) -> None:
     planner = InTheirWay(("L1", 1.6, 7.5))
-    report = crew.leader("A").lead("test", lambda: planner)
-    assert (report.result, report.reason) == ("done", "")
+    report = done(crew, planner)
     assert planner.staying == [set(), set()]
     has_come_to(crew, "C", 1.6, 7.5)
     assert report.phases[0].name == "clearing the way: C"
@@ -286,8 +290,7 @@ def test_the_mission_is_planned_around_a_robot_that_is_busy_or_has_no_room(crew:
         crew.agents["C"].load(ProgramBuilder("long").wait(60.0).program())
         crew.agents["C"].run()
     planner = InTheirWay(("L1", 1.6, 7.5) if is_busy else None)
-    report = crew.leader("A").lead("test", lambda: planner)
-    assert (report.result, report.reason) == ("done", "")
+    done(crew, planner)
     assert planner.staying == [set(), {"C"}]
     crew.agents["C"].abort()
     are_free(crew)
@@ -322,8 +325,7 @@ def test_carriers_move_simultaneously_and_wait_for_what_is_in_their_way(crew: Cr
         at = crew.agents["C"].place
         return there if math.dist((at.x, at.y), (1.6, 7.5)) > 0.05 else []
 
-    report = crew.leader("A", look=look).lead("test", Carried)
-    assert (report.result, report.reason) == ("done", "")
+    report = done(crew, Carried(), look=look)
     assert [phase.name for phase in report.phases] == ["phase 0", "waiting: C is in the way", "phase 0"]
     has_come_to(crew, "A", 8.6, 2.0)
     has_come_to(crew, "B", 8.6, 4.0)
@@ -343,8 +345,7 @@ def test_a_carry_that_can_not_see_its_way_says_so_in_one_phase(crew: Crew) -> No
             raise NotReachable(lag)
         return []
 
-    report = crew.leader("A", replace(LEADING, unknown_timeout_s=0.0), look=look).lead("test", Carried)
-    assert (report.result, report.reason) == ("done", "")
+    report = done(crew, Carried(), replace(LEADING, unknown_timeout_s=0.0), look=look)
     names = [phase.name for phase in report.phases]
     assert [name for name in names if name != "phase 0"] == ["waiting: what is in the way is unknown"]
 
@@ -375,8 +376,7 @@ def test_a_carry_goes_on_from_where_it_stood_while_its_leader_was_silent(crew: C
                 work_for(2.0)
         return []
 
-    report = crew.leader("A", PATIENT, look=look).lead("test", Carried)
-    assert (report.result, report.reason) == ("done", "")
+    report = done(crew, Carried(), PATIENT, look=look)
     for name in "AB":
         ticks = report.measurements[name].ticks
         steps = [(later[0] - former[0], later[1] - former[1]) for former, later in pairwise(ticks)]
