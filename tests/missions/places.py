@@ -14,6 +14,7 @@ import msgpack
 
 from robocorba.errors.robots import MissionFailed, RobotLost
 from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownMission
 from robocorba.map_editor.geometry import Obstacle, object_geometry
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.movable import movables, object_outline
@@ -41,7 +42,9 @@ from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.model_switcher import AdaptorContext
-from robocorba.simulation.mission_record import MissionContent
+from robocorba.simulation.mission_directory import MissionDirectory
+from robocorba.simulation.mission_record import MissionContent, decoded
+from robocorba.simulation.store import Mission, SimulationStore
 from robocorba.system.repeating import Repeating
 from tests.robot.places import Channel, Place
 
@@ -99,6 +102,28 @@ class NoRecorder(MissionRecorder):
     def record(self, name: str, content: MissionContent) -> None: ...
 
     def write(self, name: str, content: MissionContent) -> None: ...
+
+
+class WatchedDirectory(MissionDirectory):
+    """note_change: called with the name of each mission that changes, and its records before and after."""
+
+    def __init__(
+        self,
+        store: SimulationStore,
+        clock: Callable[[], float],
+        note_change: Callable[[str, MissionContent, MissionContent], None],
+    ) -> None:
+        super().__init__(store, clock)
+        self._note_change = note_change
+
+    def put_mission(self, mission: Mission) -> int:
+        before = None
+        with contextlib.suppress(UnknownMission):
+            before = decoded(self.stored(mission.name).document)
+        version = super().put_mission(mission)
+        if before and (after := decoded(mission.document)):
+            self._note_change(mission.name, before, after)
+        return version
 
 
 class Crew:

@@ -17,7 +17,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.map_editor.model import Building, Door, Floor, Wall
 from robocorba.missions import clearing
 from robocorba.missions import lookout as module
-from robocorba.missions.clearing import Requests, Way, in_the_way, place_aside, places_aside
+from robocorba.missions.clearing import Requests, Way, in_the_way, place_aside, places_aside, united
 from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
 from robocorba.missions.lookout import Lookout, Seen, WayAhead
 from robocorba.missions.messages import MakeWay, WayMade
@@ -245,6 +245,11 @@ def test_places_are_free_and_outside_the_way(
     assert way["L1"].distance(there) >= RADIUS_M + clearing.GAP_M - 1e-6
     assert RADIUS_M <= place.x <= WIDTH_M - RADIUS_M and RADIUS_M <= place.y <= HEIGHT_M - RADIUS_M
     assert all(math.dist((other.x, other.y), (place.x, place.y)) >= 2 * RADIUS_M - 0.02 for other in standing)
+
+
+def test_areas_of_a_floor_are_united() -> None:
+    found = united([("L1", shapely.box(0, 0, 1, 1)), ("L2", shapely.box(0, 0, 1, 1)), ("L1", shapely.box(1, 0, 2, 1))])
+    assert {floor: area.area for floor, area in found.items()} == pytest.approx({"L1": 2.0, "L2": 1.0})
 
 
 # ---- requests ----

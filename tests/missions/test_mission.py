@@ -100,6 +100,13 @@ def leading(
     return thread, reports
 
 
+def occupy(crew: Crew, *names: str) -> None:
+    """Let robots run a program."""
+    for name in names:
+        crew.agents[name].load(ProgramBuilder("busy").wait(60).program())
+        crew.agents[name].run()
+
+
 def done(crew: Crew, planner: Given, policy: LeaderPolicy = LEADING, look: Look = lambda: ()) -> MissionReport:
     """The report of a mission that A leads to its end."""
     report = crew.leader("A", policy, look).lead("test", lambda: planner)
@@ -131,15 +138,12 @@ def test_steps_are_synchronized_and_reported(crew: Crew) -> None:
 
 
 def test_busy_robots_are_waited_for_and_those_that_do_not_exist_are_not(crew: Crew) -> None:
-    crew.agents["B"].load(ProgramBuilder("busy").wait(60).program())
-    crew.agents["B"].run()
-    for helpers, reason in (
-        (2, "2 helpers are needed; C offered to help; B runs a program"),
-        (3, "3 helpers are needed; C offered to help; B runs a program"),
-    ):
+    occupy(crew, "B")
+    for helpers in (2, 3):
         begun = time.monotonic()
         report = crew.leader("A").lead("test", lambda helpers=helpers: Given(*[[Idle()]] * (1 + helpers)))
-        assert (report.result, report.reason) == ("failed", reason)
+        assert report.result == "failed"
+        assert report.reason == f"{helpers} helpers are needed; C offered to help; B runs a program"
         assert (time.monotonic() - begun > LEADING.agreement_timeout_s) is (helpers == 2)
     crew.agents["B"].abort()
     assert crew.agents["A"].place == pytest.approx(ROBOTS["A"])
@@ -154,9 +158,7 @@ def test_the_nearest_robots_are_the_candidates(crew: Crew) -> None:
 
 def test_leaders_that_need_the_same_robot_get_it_in_turn(crew: Crew) -> None:
     """Both need C and no other robot is free: the second leader waits until the first mission has ended."""
-    for name in "AB":
-        crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
-        crew.agents[name].run()
+    occupy(crew, "A", "B")
     ways = (("A", 0.2), ("B", -0.2))
     started = [leading(crew, *[Given([Idle()], [near("C", dx)])] * 20, name=name) for name, dx in ways]
     for thread, _ in started:
@@ -189,9 +191,7 @@ class Phases(LedMission):
 
 def test_a_mission_that_waits_for_its_areas_keeps_no_robot_from_others(crew: Crew) -> None:
     """B has what A's mission needs, and both need C: B's gets C, though A was the first one."""
-    for name in "AB":
-        crew.agents[name].load(ProgramBuilder("leads").wait(60).program())
-        crew.agents[name].run()
+    occupy(crew, "A", "B")
     areas = LeaderAreas(crew.agents["B"].robot.session)
     assert areas.request([[Reserving.AREA]], 60.0) == 0
     planners = [Reserving([Idle()], [near("C", 0.2)]) for _ in range(2)]
@@ -287,8 +287,7 @@ def test_a_free_robot_steps_aside(crew: Crew) -> None:
 @pytest.mark.parametrize("is_busy", [False, True])
 def test_the_mission_is_planned_around_a_robot_that_is_busy_or_has_no_room(crew: Crew, is_busy: bool) -> None:
     if is_busy:
-        crew.agents["C"].load(ProgramBuilder("long").wait(60.0).program())
-        crew.agents["C"].run()
+        occupy(crew, "C")
     planner = InTheirWay(("L1", 1.6, 7.5) if is_busy else None)
     done(crew, planner)
     assert planner.staying == [set(), {"C"}]

@@ -55,7 +55,7 @@ from robocorba.robot.programs.program import Program
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.mission_record import MissionContent, MissionResult, decoded
 from robocorba.simulation.store import Mission, SimulationStore
-from tests.missions.places import Bus, Given, Receive
+from tests.missions.places import Bus, Given, Receive, WatchedDirectory
 from tests.missions.virtual_time import Task, VirtualTime
 
 ROBOTS, SERVER = "ABCD", "server"
@@ -361,21 +361,6 @@ class Process:
             assert silent_s <= TAKING_PART.pause_timeout_s + 1.0, f"{self.name} moves without orders"
 
 
-class WatchedDirectory(MissionDirectory):
-    def __init__(self, store: SimulationStore, world: World) -> None:
-        super().__init__(store, lambda: 1e9 + world.time.now)
-        self._world = world
-
-    def put_mission(self, mission: Mission) -> int:
-        before = None
-        with contextlib.suppress(UnknownMission):
-            before = decoded(self.stored(mission.name).document)
-        version = super().put_mission(mission)
-        if before and (after := decoded(mission.document)):
-            self._world.note_change(mission.name, before, after)
-        return version
-
-
 class World:
     """Robots and mission control; what happened to them, and what was seen of missions."""
 
@@ -400,7 +385,7 @@ class World:
         self.robots = {name: Process(self, name) for name in ROBOTS}
 
     def start_server(self) -> None:
-        self.server = WatchedDirectory(self.store, self)
+        self.server = WatchedDirectory(self.store, lambda: 1e9 + self.time.now, self.note_change)
         leaders = Leaders(self, SERVER)
 
         def nearest(about: str) -> list[str]:

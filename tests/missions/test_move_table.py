@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import pytest
 import shapely
-from hypothesis import example, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as some
 from msgspec import structs
 from shapely import Point, Polygon
@@ -90,7 +90,6 @@ def test_too_many_objects_are_taken_from_the_map() -> None:
     some.lists(some.tuples(some.floats(-1, 1), some.floats(-1, 1)), min_size=1, max_size=4, unique=True),
     some.floats(0.1, 1.0),
 )
-@example([(0.0, 0.41), (0.0, -0.41)], 0.8 + SPACING_M)
 def test_places_are_spread_apart(at: list[tuple[float, float]], apart_m: float) -> None:
     places: list[Pose2D] = [(x, y, 0.5) for x, y in at]
     found = spread_apart(places, apart_m)
@@ -100,8 +99,12 @@ def test_places_are_spread_apart(at: list[tuple[float, float]], apart_m: float) 
             assert math.dist(one[:2], found[k][:2]) > 0.5 * apart_m or math.dist(at[i], at[k]) < 1e-3
     if all(math.dist(a, b) >= apart_m for i, a in enumerate(at) for b in at[:i]):
         assert found == places
-    if len(at) == 2 and math.dist(*at) > 1e-3:  # both give way
-        assert math.dist(found[0][:2], found[1][:2]) == pytest.approx(max(apart_m, math.dist(*at)))
+
+
+def test_carriers_side_by_side_gather_apart() -> None:
+    first, second = spread_apart([(0.0, 0.41, 0.0), (0.0, -0.41, 0.0)])
+    assert math.dist(first[:2], second[:2]) == pytest.approx(0.8 + SPACING_M)
+    assert first[0] == second[0] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -251,7 +254,7 @@ def test_carriers_wait_clear_of_the_doors_and_pass_them_in_time(world: MapWorld,
     )
     assert isinstance(steps[called + 2], Ride) and steps[called + 2].destination == "L2"
     shaft = shaft_polygon(world.building().elevators["E1"])
-    footprint = MoveTablePlanner(world, "box", GOAL)._carry.footprint()
+    footprint = MoveTablePlanner(world, "box", GOAL).footprint
     way_in, way_out = steps[called + 1], steps[called + 3]
     assert isinstance(way_in, Carry) and isinstance(way_out, Carry)
     for step in (way_in, way_out):

@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from robocorba.errors.robots import MissionFailed, MissionTakenOver
+from robocorba.errors.robots import IllegalOrder, MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions import succession
@@ -149,6 +149,12 @@ def test_what_a_leader_of_a_later_term_has_written_stays(
     del database.missions["m"]
     recorder.write("m", content(3))
     assert database.missions["m"] == (1, content(3))
+    database.missions["m"] = 7, content(1, MissionResult.FAILED)  # mission control has written it
+    recorder.write("m", content(4))
+    assert database.missions["m"] == (8, content(4))
+    database.missions["m"] = 9, replace(content(1), leader="B")
+    with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 1"):
+        recorder.write("m", content(5))
 
 
 # ---- who leads ----
@@ -380,8 +386,8 @@ class Scene(Database):
     def __init__(self, time: VirtualTime) -> None:
         super().__init__()
         self.time, self.missions = time, {"m": (1, RECORD)}
-        #: Leaders that answer, and robots that are busy.
-        self.living, self.busy = "", ""
+        #: Leaders that answer, robots that are busy, and how often one can't lead.
+        self.living, self.busy, self.refusals = "", "", 0
         #: Who has taken the mission over, and when [s].
         self.led: list[tuple[str, float]] = []
         self.successions = {name: Succession(name, self, self.leads, Robot(name, self)) for name in "BC"}
@@ -406,6 +412,9 @@ class Robot:
     def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
         version, content = self._scene.missions["m"]
         assert (mission, icon, term) == ("m", ICON, content.term)
+        if self._scene.refusals:
+            self._scene.refusals -= 1
+            raise IllegalOrder("lead a mission", "is stopped")
         self._scene.led.append((self._name, self._scene.time.now))
         self._scene.missions["m"] = version + 1, content.taken_over(self._name, "A was silent", 2.0)
 
@@ -418,12 +427,19 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
     time.close()
 
 
-@pytest.mark.parametrize("busy", ["", "B"])
-def test_members_lead_in_turn(scene: Scene, busy: str) -> None:
-    scene.busy = busy
+@pytest.mark.parametrize(
+    ("busy", "refusals", "led"),
+    [
+        ("", 0, ("B", 0.0)),
+        ("B", 0, ("C", DEFAULT_POLICY.turn_s)),
+        ("C", 3, ("B", 3 * DEFAULT_POLICY.record_interval_s)),
+    ],
+)
+def test_members_lead_in_turn(scene: Scene, busy: str, refusals: int, led: tuple[str, float]) -> None:
+    scene.busy, scene.refusals = busy, refusals
     scene.begin("C", "B")
     scene.time.run_for(30.0)
-    assert scene.led == [("C", DEFAULT_POLICY.turn_s) if busy else ("B", 0.0)]
+    assert scene.led == [led]
 
 
 def test_they_wait_for_a_leader_that_answers_and_for_the_database_and_give_up(scene: Scene) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import threading
 from types import SimpleNamespace
 from typing import Any
 
@@ -45,6 +46,16 @@ def test_messages_arrive_in_their_order_but_for_invalid_ones_and_those_in_the_na
     found = [transport.receive(1.0), transport.receive(1.0)]
     assert [(one.source, one.origin, one.message) for one in found if one] == [("A", "bus", CALL), ("C", "bus", other)]
     assert transport.receive(0.0) is None
+
+
+def test_who_waits_without_a_timeout_can_be_woken() -> None:
+    _, transport = subscribed()
+    got: list[object] = []
+    waiting = threading.Thread(target=lambda: got.append(transport.receive(None)), daemon=True)
+    waiting.start()
+    transport.wake()
+    waiting.join(60.0)
+    assert got == [None]
 
 
 def test_a_full_queue_drops_what_is_new_and_waking_does_not_fail() -> None:
