@@ -408,7 +408,7 @@ def test_a_check_has_errors_notes_and_python(operations: ProgramOperations, agen
 
 
 def test_a_program_is_loaded_and_run_unless_it_is_refused(operations: ProgramOperations, agent: Any) -> None:
-    for first in (3, -1):
+    for first in (3, 4, -1):
         with pytest.raises(InvalidArguments, match=f"no icon {first}; it has 3"):
             operations.run_program("A", WAITS, first=first)
     agent.load.side_effect = IllegalOrder("load a program", "runs a program")
