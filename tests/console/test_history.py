@@ -122,6 +122,7 @@ def test_the_past_stays_as_long_ago_as_it_is_when_the_clock_is_set(ahead_s: floa
         history.add(view((1, at)), float(at))
     assert history.span() == (epoch, epoch + 5.0)
     assert [x_at(history, epoch + at) for at in range(6)] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert history.at("L1", epoch + 2.5).at == epoch + 2.0
     assert [moment.at - epoch for moment in history.between("L1", epoch + 1.5, epoch + 4.0)] == [1.5, 2.0, 3.0, 4.0]
 
 
