@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import time
 from collections.abc import Callable
@@ -58,3 +59,13 @@ def stays(condition: Callable[[], object], for_s: float = 0.1) -> None:
         if is_last:
             return
         time.sleep(min(0.02, for_s))
+
+
+async def until(condition: Callable[[], object]) -> None:
+    """Until a condition holds, in an event loop that goes on meanwhile."""
+
+    async def poll() -> None:
+        while not condition():
+            await asyncio.sleep(0.005)
+
+    await asyncio.wait_for(poll(), 60.0)

@@ -32,8 +32,8 @@ def cookie_of(given: Answer) -> str:
     return given.headers["set-cookie"].partition(";")[0]
 
 
-def test_own_pages_get_in_and_foreign_host_names_do_not() -> None:
-    """A name that an attacker lets point to this machine (DNS rebinding)."""
+def test_own_pages_get_in_and_those_of_foreign_hosts_and_sites_do_not() -> None:
+    """Also by a name that an attacker lets point to this machine (DNS rebinding)."""
     for host in ("127.0.0.1:8800", "localhost:8800", "LOCALHOST", "[::1]:8800"):
         assert ask(console(), host=host).body == b"inside", host
         assert ask(console(), host=host, origin=f"http://{host}").body == b"inside", host
@@ -44,9 +44,6 @@ def test_own_pages_get_in_and_foreign_host_names_do_not() -> None:
     app = console(hosts=frozenset({"Robots.example"}))
     assert ask(app, host="robots.example:8800").body == b"inside"
     assert ask(app, host="127.0.0.1:8800").status == 403
-
-
-def test_pages_of_other_sites_are_refused() -> None:
     for origin in ("http://evil.example", "null", "http://127.0.0.1:9999", "http://[::1", "file://"):
         for kind, status in (("http", 403), ("websocket", 0)):
             refused = ask(console(), "/live", kind=kind, origin=origin)
@@ -118,23 +115,21 @@ def nobody_is_asked(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
 
 
-def test_the_loopback_needs_no_password(tmp_path: Path) -> None:
+def test_the_loopback_needs_no_password_and_other_addresses_need_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     read = ConsoleSettings.read(["--state", str(tmp_path)])
-    assert (read.host, read.port, read.password) == ("127.0.0.1", 8800, "")
-    assert (read.viewers, ConsoleSettings.read(["--viewers", "3"]).viewers) == (64, 3)
+    assert (read.host, read.port, read.password, read.viewers, read.pins) == ("127.0.0.1", 8800, "", 64, {})
     assert (read.administrator, read.supervisor) == (None, tmp_path / "supervisor.ior")
     for host in ("127.0.0.1", "127.0.0.2", "::1", "localhost"):
         assert ConsoleSettings.read(["--host", host]).hosts >= {host, "localhost", "127.0.0.1"}
-
-
-def test_other_addresses_need_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "password"
     for host in ("192.0.2.1", "robots.example", "2001:db8::1"):
         with pytest.raises(InvalidSetting, match="give a --password-file"):
             ConsoleSettings.read(["--host", host])
         file.write_text("long enough\nnot this line\n")
-        read = ConsoleSettings.read(["--host", host, "--password-file", str(file)])
-        assert (read.password, read.hosts) == ("long enough", {host})
+        read = ConsoleSettings.read(["--host", host, "--password-file", str(file), "--viewers", "3"])
+        assert (read.password, read.hosts, read.viewers) == ("long enough", {host}, 3)
     for content in (b"short", b"", b"\nlong enough", b"\xff\xfe"):
         file.write_bytes(content)
         with pytest.raises(InvalidSetting, match="--password-file"):
@@ -218,7 +213,6 @@ def test_pins_are_digits_of_named_robots_and_need_a_password(tmp_path: Path) -> 
     protected = ("--password-file", str(password), "--pin-file", str(pins))
     pins.write_text("A 471193\n\n B 1  222333444555\n")
     assert ConsoleSettings.read(protected).pins == {"A": "471193", "B 1": "222333444555"}
-    assert ConsoleSettings.read([]).pins == {}
     with pytest.raises(InvalidSetting, match="give a --password-file too"):
         ConsoleSettings.read(protected[2:])
     for content in ("A", "471193", "A 47119", "A 4711931234567", "A 47119x", "A \u0664\u0667\u0661\u0661\u0669\u0663"):

@@ -102,16 +102,14 @@ def x_at(history: History, at_s: float) -> float:
 def test_looking_back_shows_the_moment_before() -> None:
     history = history_of((10.0, 1.0), (11.0, 2.0), (12.0, 3.0))
     assert [x_at(history, at) for at in (0.0, 10.0, 10.9, 11.0, 11.5, 99.0)] == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0]
-    assert history.span() == (10.0, 12.0)
-    assert history.floors == ["L1"]
+    assert (history.span(), history.floors, History().span()) == ((10.0, 12.0), ["L1"], (0.0, 0.0))
     header, _ = read(history.frame("L1", 10.0))
     assert header["whole"] and header["elevators"]["E"]["riders"] == ["A"]
-    assert History().span() == (0.0, 0.0)
-    with pytest.raises(UnknownFloor):
-        history.frame("L9", 1.0)
+    for look in (history.frame, lambda floor, at: history.between(floor, 0.0, at)):
+        with pytest.raises(UnknownFloor):
+            look("L9", 1.0)
     history = history_of((10.0, 1.0), (10.0 + INTERVAL_S / 2, 2.0), (10.0 + INTERVAL_S, 3.0))
-    assert x_at(history, 10.0 + INTERVAL_S / 2) == 1.0
-    assert x_at(history, 11.0) == 3.0
+    assert [x_at(history, at) for at in (10.0 + INTERVAL_S / 2, 11.0)] == [1.0, 3.0]
     assert history_of((10.0, 1.0), (15.0, 2.0), (21.0, 3.0), kept_s=10.0).span() == (15.0, 21.0)
 
 
@@ -119,13 +117,12 @@ def test_looking_back_shows_the_moment_before() -> None:
 def test_the_past_stays_as_long_ago_as_it_is_when_the_clock_is_set(ahead_s: float) -> None:
     epoch = 1.7e9
     history = History(kept_s=10.0, epoch=lambda: epoch)
-    for at in range(3):
-        history.add(view((1, at)), float(at))
-    epoch += ahead_s
-    for at in range(3, 6):
+    for at in range(6):
+        epoch += ahead_s if at == 3 else 0.0
         history.add(view((1, at)), float(at))
     assert history.span() == (epoch, epoch + 5.0)
     assert [x_at(history, epoch + at) for at in range(6)] == [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    assert history.at("L1", epoch + 2.5).at == epoch + 2.0
     assert [moment.at - epoch for moment in history.between("L1", epoch + 1.5, epoch + 4.0)] == [1.5, 2.0, 3.0, 4.0]
 
 
@@ -158,15 +155,9 @@ def films() -> Iterator[Films]:
     films.close()
 
 
-def driven_history(seconds: int, began: float = 1000.0) -> History:
-    """A robot that drives 1 m a second along x, seen once a second."""
-    history, view = History(), FloorView(FLOOR)
-    for second in range(seconds + 1):
-        motions = np.zeros(1, MOTION)
-        motions["number"], motions["x"], motions["y"], motions["vx"] = 7, 2.0 + second, 3.0, 1.0
-        view.apply(FloorUpdate(FLOOR, WHOLE, second + 1, float(second), 1, [BODY], [], motions, {}))
-        history.add(view, began + second)
-    return history
+def driven_history(seconds: int) -> History:
+    """A robot that drives 1 m a second along x, seen once a second since 1000.0."""
+    return history_with(*({BODY: (2.0 + second, 3.0, 0.0)} for second in range(seconds + 1)), began=1000.0)
 
 
 def places(moments: list[Moment]) -> list[tuple[float, float]]:
@@ -175,38 +166,31 @@ def places(moments: list[Moment]) -> list[tuple[float, float]]:
 
 
 def test_spans_are_recorded(tmp_path: Path, building: Building) -> None:
-    history = driven_history(5)
+    history, file = driven_history(5), tmp_path / "span.mcap"
     assert places(history.between(FLOOR, 1001.5, 1003.0)) == [(1001.5, 3.0), (1002.0, 4.0), (1003.0, 5.0)]
     assert places(history.between(FLOOR, 10.0, 1001.0)) == [(1000.0, 2.0), (1001.0, 3.0)]
-    with pytest.raises(UnknownFloor):
-        history.between("cellar", 0.0, 1.0)
-    file = tmp_path / "span.mcap"
-    record(file, building, FLOOR, driven_history(5).between(FLOOR, 1001.0, 1003.0), 1004.5)
+    record(file, building, FLOOR, history.between(FLOOR, 1001.0, 1003.0), 1004.5)
     recording = Recording(file)
-    assert recording.began == pytest.approx(1001.0)
-    assert recording.duration_s == pytest.approx(3.5)
+    assert (recording.began, recording.duration_s) == pytest.approx((1001.0, 3.5))
     view = recording.at(1.0, [FLOOR])[FLOOR]
     assert [body.name for body in view.bodies.values()] == ["R1"]
     assert view.motions["x"][0] == pytest.approx(4.0)
-    file, recordings = tmp_path / "x.mcap", Recordings()
-    file.write_text("no recording")
-    with pytest.raises(InvalidRecording):
-        recordings.open(file, "x")
-    assert recordings.rows() == []
 
 
 def test_recordings_are_closed_for_newer_ones(
     tmp_path: Path, building: Building, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(recordings_module, "MAX_OPEN", 2)
-    file = tmp_path / "span.mcap"
+    file, recordings = tmp_path / "span.mcap", Recordings()
+    file.write_text("no recording")
+    with pytest.raises(InvalidRecording):
+        recordings.open(file, "x")
+    assert recordings.rows() == []
     record(file, building, FLOOR, driven_history(5).between(FLOOR, 1000.0, 1005.0), 1005.0)
-    recordings = Recordings()
     first = recordings.open(file, "monday.mcap")
     assert first.row() == {"key": first.key, "name": "monday.mcap", "floors": [FLOOR], "past": [1000.0, 1005.0]}
     [(at, x)] = places([first.history.at(FLOOR, 1002.1)])
-    assert at == pytest.approx(1002.0)
-    assert x == 4.0
+    assert (at, x) == (pytest.approx(1002.0), 4.0)
     assert first.plan(FLOOR)["name"] == FLOOR
     with pytest.raises(UnknownFloor):
         first.plan("cellar")
@@ -218,33 +202,28 @@ def test_recordings_are_closed_for_newer_ones(
 
 
 def test_a_film_is_made(building: Building, films: Films) -> None:
-    moments = driven_history(3).between(FLOOR, 1000.0, 1003.0)
-    number = films.start(building, FLOOR, moments, 1003.0, 20.0)
+    number = start_film(films, building, 1003.0, 20.0)
     with pytest.raises(NotPossible, match="another film"):
-        films.start(building, FLOOR, moments, 1003.0, 20.0)
+        start_film(films, building, 1003.0, 20.0)
     eventually(lambda: films.state(number)["phase"] != "making", 120.0, "the end of the film's making")
     assert films.state(number)["problem"] == ""
     assert films.file(number).read_bytes()[4:8] == b"ftyp"
 
 
+def start_film(films: Films, building: Building, end_s: float, speed: float) -> int:
+    return films.start(building, FLOOR, driven_history(3).between(FLOOR, 1000.0, min(end_s, 1003.0)), end_s, speed)
+
+
 def test_a_film_that_fails_says_so(building: Building, films: Films, monkeypatch: pytest.MonkeyPatch) -> None:
-    def fail(*_: object) -> None:
-        raise KeyError("a defect")
-
-    def start() -> int:
-        return films.start(building, FLOOR, driven_history(3).between(FLOOR, 1000.0, 1003.0), 1003.0, 1.0)
-
-    number = start()
-    films.cancel(number)
-    assert (films.state(number)["phase"], films.state(number)["problem"]) == ("failed", "cancelled")
-    with pytest.raises(NotPossible, match="not ready"):
-        films.file(number)
-    monkeypatch.setattr(films_module, "record", fail)
-    number = start()
-    eventually(lambda: films.state(number)["phase"] != "making", what="the end of the film's making")
-    assert films.state(number)["problem"] == DEFECT
-    with pytest.raises(NotPossible, match="not ready"):
-        films.file(number)
+    for problem in ("cancelled", DEFECT):
+        number = start_film(films, building, 1003.0, 1.0)
+        if problem == "cancelled":
+            films.cancel(number)
+        eventually(lambda number=number: films.state(number)["phase"] != "making", what="the end of the film's making")
+        assert (films.state(number)["phase"], films.state(number)["problem"]) == ("failed", problem)
+        with pytest.raises(NotPossible, match="not ready"):
+            films.file(number)
+        monkeypatch.setattr(films_module, "record", lambda *_: {}["a defect"])
 
 
 @pytest.mark.parametrize(
@@ -263,35 +242,27 @@ def test_bad_films_are_refused(building: Building, films: Films, end_s: float, s
 
 
 def test_floor_plans() -> None:
-    building = two_floors()
-    for floor in building.floors:
+    name = "<script>alert(1)</script>\u202e'\"&"
+    building = two_floors().with_changes([(ElementKind.WALL, "L1", name, Wall(name, (1.0, 1.0), (2.0, 1.0)))])
+    gaps_m = doors_m = 0.0
+    for floor, entry in building.floors.items():
         plan = json.loads(json.dumps(floor_plan(building, floor), allow_nan=False))
         assert plan["name"] == floor
-        entry = building.floors[floor]
-        assert {wall["name"] for wall in plan["walls"]} == set(entry.geometrical.walls)
-        assert {node["name"] for node in plan["nodes"]} == set(entry.topological.nodes)
-        assert {edge["name"] for edge in plan["edges"]} == set(entry.topological.edges)
+        roads = entry.topological
+        for kind, known in (("walls", entry.geometrical.walls), ("nodes", roads.nodes), ("edges", roads.edges)):
+            assert {each["name"] for each in plan[kind]} == set(known)
         assert {one["name"] for one in plan["elevators"]} <= set(building.elevators)
         x_min, y_min, x_max, y_max = plan["bounds"]
         assert x_min < x_max and y_min < y_max
-    building, name = two_floors(), "<script>alert(1)</script>\u202e'\"&"
-    renamed = building.with_changes([(ElementKind.WALL, "L1", name, Wall(name, (1.0, 1.0), (2.0, 1.0)))])
-    walls = json.loads(json.dumps(floor_plan(renamed, "L1")))["walls"]
-    assert name in [wall["name"] for wall in walls]
+        for wall in plan["walls"]:
+            drawn_m = sum(math.dist(a, b) for piece in wall["pieces"] for a, b in itertools.pairwise(piece))
+            assert drawn_m <= math.dist(wall["a"], wall["b"]) + 1e-3
+            gaps_m += math.dist(wall["a"], wall["b"]) - drawn_m
+        doors_m += sum(math.dist(door["a"], door["b"]) for door in plan["doors"])
+    assert doors_m > 0.1
+    assert gaps_m == pytest.approx(doors_m, abs=1e-3)
     with pytest.raises(KeyError):
         floor_plan(building, "L9")
-    building = two_floors()
-    gaps = 0.0
-    for floor in building.floors:
-        for wall in floor_plan(building, floor)["walls"]:
-            drawn = sum(math.dist(a, b) for piece in wall["pieces"] for a, b in itertools.pairwise(piece))
-            assert drawn <= math.dist(wall["a"], wall["b"]) + 1e-3
-            gaps += math.dist(wall["a"], wall["b"]) - drawn
-    doors = sum(
-        math.dist(door["a"], door["b"]) for floor in building.floors for door in floor_plan(building, floor)["doors"]
-    )
-    assert doors > 0.1
-    assert gaps == pytest.approx(doors, abs=1e-3)
 
 
 LINK = {"peer": "b", "direction": "INCOMING", "condition": "UP"}
@@ -431,15 +402,15 @@ TABLE_1 = Body(3, BodyKind.OBJECT, "table 1", 0.56, TABLE, 20.0)
 AWAY, MIDDLE = (3.0, 2.0, 0.0), (5.0, 2.0, 0.0)
 
 
-def history_with(*moments: dict[Body, tuple[float, float, float]]) -> History:
-    """A floor once a second from time 0; a moment has the place x, y, heading of each body."""
+def history_with(*moments: dict[Body, tuple[float, float, float]], began: float = 0.0) -> History:
+    """A floor once a second; a moment has the place x, y, heading of each body."""
     history, view = History(), FloorView(FLOOR)
-    for at_s, places in enumerate(moments):
+    for second, places in enumerate(moments):
         motions = np.zeros(len(places), MOTION)
         for row, (body, place) in zip(motions, places.items(), strict=True):
             row["number"], (row["x"], row["y"], row["heading"]) = body.number, place
-        view.apply(FloorUpdate(FLOOR, WHOLE, at_s + 1, float(at_s), 1, list(places), [], motions, {}))
-        history.add(view, float(at_s))
+        view.apply(FloorUpdate(FLOOR, WHOLE, second + 1, float(second), 1, list(places), [], motions, {}))
+        history.add(view, began + second)
     return history
 
 
@@ -494,7 +465,7 @@ class FakeState:
         return {"naming": "", "server": server, "robots": {}, "channels": {}}
 
 
-def test_a_robot_that_logged_off_is_known_until_it_is_forgotten(monkeypatch: Any) -> None:
+def test_a_robot_that_logged_off_is_known_until_it_is_forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
     fake = FakeState()
     state = MonitorState(fake, History())
     for clients, gone in ((["R1", "R2"], []), (["R2"], ["R1"]), ([], ["R1", "R2"]), (["R2"], ["R1"])):
@@ -508,9 +479,7 @@ def test_a_robot_that_logged_off_is_known_until_it_is_forgotten(monkeypatch: Any
     assert state.rows()["gone"] == {}
     assert fake.forgotten == ["R1"]
     monkeypatch.setattr(monitor_state, "MAX_GONE", 3)
-    fake = FakeState()
-    state = MonitorState(fake, History())
-    for number in range(9):
+    for number in range(3, 9):
         fake.clients = [f"R{number}"]
         state.update()
     fake.clients = []
@@ -522,12 +491,9 @@ def test_the_span_to_look_back_begins_with_the_history_and_happenings_are_number
     state = MonitorState(fake, history)
     began, now = state.rows()["past"]
     assert began == now
-    view = FloorView("L1")
-    view.apply(FloorUpdate("L1", WHOLE, 1, 0.0, 1, [], [], np.empty(0, MOTION), {}))
-    history.add(view, now - 10.0)
+    history.add(view(), now - 10.0)
     assert state.rows()["past"][0] == now - 10.0
-    state.update()
-    fake.clients = ["R1"]
-    state.update()
+    for fake.clients in ([], ["R1"]):
+        state.update()
     assert state.rows()["happenings"] == 1
     assert state.happenings.after(0)[0].text == "R1 has logged on"

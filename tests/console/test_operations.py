@@ -5,15 +5,14 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import copy
-import functools
 import json
 import math
 import threading
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from unittest.mock import create_autospec
 
 import numpy as np
 import pytest
@@ -41,20 +40,20 @@ from robocorba.errors.simulation import UnknownRobot
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult, RunReport
+from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.display import Display, DisplayKind
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import Side
 from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.programs import program as programs
-from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.registry import Pose
 from robocorba.system.decoding import Work
 from robocorba.system.settings import InvalidSetting
 from testkit.buildings import two_floors
 from tests.console.asgi import answer, ask
-from tests.waits import work_for
+from tests.waits import until, work_for
 
 NOBODY: Any = None
 
@@ -167,8 +166,7 @@ def test_emergency_stops_do_not_wait_for_other_operations() -> None:
         loop.set_default_executor(ThreadPoolExecutor(1))
         hanging = loop.create_task(ask_for(calls, "hang", {}))
         try:
-            while not operations.has_begun.is_set():
-                await asyncio.sleep(0.001)
+            await until(operations.has_begun.is_set)
             orders = {"stop_all": {}, "stop": {"robot": "R1"}, "panel_stop": {"robot": "R1"}}
             return {name: await asyncio.wait_for(ask_for(calls, name, given), 20.0) for name, given in orders.items()}
         finally:
@@ -347,73 +345,34 @@ def test_work_ends_with_its_client_its_server_or_its_limit() -> None:
 WAITS = json.dumps({"name": "waits", "icons": [{"icon": "wait", "seconds": number} for number in (1, 2, 3)]})
 
 
-class Agent:
-    """A robot's agent. calls: names of the orders that it got."""
-
-    def __init__(self) -> None:
-        self.calls, self.is_stepping, self.is_running = list[str](), False, False
-        self.loaded: Program | None = None
-        self.report = CheckReport()
-        self.progress = ProgramReport("waits", ProgramResult.NO_RESULT, "icons[1]", "wait", "", 1, 1.5)
-        self.icons = [IconBegun(number, f"icons[{number}]", "wait", float(number)) for number in range(3)]
-        self.begun, self.adaptors = (lambda first: self.icons[first:]), lambda: ["simulated", "smartpal"]
-        for order in ("pause", "resume", "step", "abort"):
-            setattr(self, order, functools.partial(self.calls.append, order))
-
-    def state(self) -> AgentState:
-        at, moving = Pose("L1", 1.0, 2.0, 0.0), AgentCondition.RUNNING
-        return AgentState("A", "simulated", moving, "no reason", at, RobotState(), 1.0, 0.0, self.progress)
-
-    def program(self) -> str:
-        return programs.dumps(self.loaded) if self.loaded else ""
-
-    def check(self, json: str) -> CheckReport:
-        self.calls.append("check")
-        return self.report
-
-    def load(self, json: str) -> None:
-        if self.is_running:
-            raise IllegalOrder("load a program", "runs a program")
-        self.loaded = programs.loads(json)
-
-    def run(self, is_stepping: bool = False) -> None:
-        self.calls.append("run")
-        self.is_stepping = is_stepping
-
-    def switch(self, adaptor: str, argv: Sequence[str]) -> None:
-        self.switched = adaptor, argv
-
-    name = "robot on 10.0.0.2"
-
-    def sensors(self) -> list[str]:
-        return ["laser"]
-
-    def display(self) -> Display:
-        return Display(DisplayKind.WAITING, "waiting for an order")
-
-    def reports(self, since: str) -> tuple[list[RunReport], str]:
-        return [RunReport(number, 1, 5.0, self.progress) for number in (1, 2)], "2"
-
-    def fingerprint(self, json: str) -> str:
-        return f"of {json}"
-
-    def upload(self, json: str, checked: str) -> int:
-        assert checked == f"of {json}"
-        self.load(json)
-        return 7
+@pytest.fixture
+def agent() -> Any:
+    """A robot's agent."""
+    agent: Any = create_autospec(RemoteAgent, instance=True)
+    progress = ProgramReport("waits", ProgramResult.NO_RESULT, "icons[1]", "wait", "", 1, 1.5)
+    place = Pose("L1", 1.0, 2.0, 0.0)
+    running = AgentCondition.RUNNING
+    agent.name = "robot on 10.0.0.2"
+    agent.state.return_value = AgentState(
+        "A", "simulated", running, "no reason", place, RobotState(), 1.0, 0.0, progress
+    )
+    icons = [IconBegun(number, f"icons[{number}]", "wait", float(number)) for number in range(3)]
+    agent.begun.side_effect = lambda first: icons[first:]
+    agent.check.return_value = CheckReport()
+    agent.adaptors.return_value, agent.sensors.return_value = ["simulated", "smartpal"], ["laser"]
+    agent.display.return_value = Display(DisplayKind.WAITING, "waiting for an order")
+    agent.reports.return_value = [RunReport(number, 1, 5.0, progress) for number in (1, 2)], "2"
+    agent.fingerprint.side_effect = "of {}".format
+    agent.upload.return_value = 7
+    return agent
 
 
 @pytest.fixture
-def agent() -> Agent:
-    return Agent()
-
-
-@pytest.fixture
-def operations(agent: Agent) -> ProgramOperations:
-    def found(name: str) -> Agent:
+def operations(agent: Any) -> ProgramOperations:
+    def found(name: str) -> RemoteAgent:
         if name not in ("A", "10.0.0.2:2831"):
             raise NotReachable(f"robot {name} does not answer")
-        return agent
+        return agent  # type: ignore[no-any-return]
 
     return ProgramOperations(None, found)  # type: ignore[arg-type]
 
@@ -431,57 +390,56 @@ def test_the_schema_is_that_of_program_files_and_examples_are_programs(operation
     assert all(programs.loads(text).icons for text in examples.values())
 
 
-def test_a_check_has_errors_notes_and_python(operations: ProgramOperations, agent: Agent) -> None:
+def test_a_check_has_errors_notes_and_python(operations: ProgramOperations, agent: Any) -> None:
     answer = operations.check_program("A", '{"name": "x", "icons": [{"icon": "wait"}]}')  # no program
     assert findings(answer)[0][:3] == ("error", "icons[0]", "seconds")
-    assert (answer["is_executable"], answer["python"], agent.calls) == (False, "", [])
+    assert (answer["is_executable"], answer["python"], agent.method_calls) == (False, "", [])
     answer = operations.check_program("", WAITS)
     assert answer["is_executable"]
     assert findings(answer) == [("note", "", "", "no robot is chosen: drives and arms are not checked")]
     with pytest.raises(NotReachable, match="robot B"):
         operations.check_program("B", WAITS)
-    agent.report.add_note("icons[1]", "is not checked")
-    agent.report.add_finding("icons[2]", "seconds", "is too long")
+    agent.check.return_value.add_note("icons[1]", "is not checked")
+    agent.check.return_value.add_finding("icons[2]", "seconds", "is too long")
     answer = operations.check_program("A", WAITS)
     expected = [("error", "icons[2]", "seconds", "is too long"), ("note", "icons[1]", "", "is not checked")]
     assert (findings(answer), answer["is_executable"]) == (expected, False)
     assert "program.wait(2.0)" in answer["python"]
 
 
-def test_a_program_is_loaded_and_run(operations: ProgramOperations, agent: Agent) -> None:
-    operations.run_program("A", WAITS, step=True)
-    assert (agent.loaded, agent.is_stepping) == (programs.loads(WAITS), True)
-    assert programs.loads(operations.loaded_program("A")) == agent.loaded
-    operations.run_program("A", WAITS, first=2)
-    assert agent.loaded is not None
-    assert agent.loaded.icons == programs.loads(WAITS).icons[2:]
-    for order in ("pause", "resume", "step", "abort"):
-        getattr(operations, f"{order}_program")("A")
-    assert agent.calls == ["run", "run", "pause", "resume", "step", "abort"]
-
-
-def test_a_program_that_is_refused_does_not_run(operations: ProgramOperations, agent: Agent) -> None:
-    for first in (3, -1):
+def test_a_program_is_loaded_and_run_unless_it_is_refused(operations: ProgramOperations, agent: Any) -> None:
+    for first in (3, 4, -1):
         with pytest.raises(InvalidArguments, match=f"no icon {first}; it has 3"):
             operations.run_program("A", WAITS, first=first)
-    with pytest.raises(InvalidProgram):
-        operations.run_program("A", "{}")
-    agent.is_running = True
+    agent.load.side_effect = IllegalOrder("load a program", "runs a program")
     with pytest.raises(IllegalOrder):
         operations.run_program("A", WAITS)
-    assert agent.calls == []
+    assert not agent.run.called
+    agent.load.side_effect = None
+    operations.run_program("A", WAITS, step=True)
+    operations.run_program("A", WAITS, first=2)
+    whole, rest = (programs.loads(each.args[0]) for each in agent.load.call_args_list[-2:])
+    assert (whole, rest.icons) == (programs.loads(WAITS), programs.loads(WAITS).icons[2:])
+    assert agent.run.call_args_list == [((True,),), ((False,),)]
+    agent.program.return_value = WAITS
+    assert operations.loaded_program("A") == WAITS
+    for order in ("pause", "resume", "step", "abort"):
+        getattr(operations, f"{order}_program")("A")
+        getattr(agent, order).assert_called_once_with()
 
 
-def test_a_robots_own_computer_is_found_and_gets_programs(operations: ProgramOperations, agent: Agent) -> None:
+def test_a_robots_own_computer_is_found_and_gets_programs(operations: ProgramOperations, agent: Any) -> None:
     found = operations.reach_computer("10.0.0.2", 2831)
     assert [found[name] for name in ("name", "adaptor", "display")] == [agent.name, "simulated", "waiting for an order"]
     assert found["sensors"] == ["laser"] and [each["number"] for each in found["reports"]] == [1, 2]
     json.dumps(found)
     for robot, runs in (("", False), ("A", True)):
+        assert not agent.run.called
         answer = operations.upload_program("10.0.0.2", 2831, WAITS, robot, runs)
-        assert answer == {"name": agent.name, "number": 7} and agent.loaded == programs.loads(WAITS)
-    assert agent.calls == ["check", "check", "run"]
-    agent.report.add_finding("icons[0]", "seconds", "is too long")
+        assert answer == {"name": agent.name, "number": 7}
+        agent.upload.assert_called_with(WAITS, f"of {WAITS}")
+    agent.run.assert_called_once_with()
+    agent.check.return_value.add_finding("icons[0]", "seconds", "is too long")
     with pytest.raises(InvalidProgram):
         operations.upload_program("10.0.0.2", 2831, WAITS)
     for host, port in (("-x", 2831), ("10.0.0.2", 0), ("", 1), (5, 1), ("10.0.0.2", "1")):
@@ -491,7 +449,7 @@ def test_a_robots_own_computer_is_found_and_gets_programs(operations: ProgramOpe
         operations.reach_computer("10.0.0.3", 2831)
 
 
-def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: ProgramOperations, agent: Agent) -> None:
+def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: ProgramOperations, agent: Any) -> None:
     progress = operations.program_progress("A", 2)
     assert progress["begun"] == [{"number": 2, "icon": "icons[2]", "kind": "wait"}]
     assert (progress["report"]["result"], progress["report"]["icon"]) == ("no_result", "icons[1]")
@@ -499,8 +457,9 @@ def test_progress_has_what_is_new_and_the_adaptor_can_be_switched(operations: Pr
     assert len(operations.program_progress("A", 0)["begun"]) == 3
     json.dumps(progress)
     assert operations.adaptors("A") == ["simulated", "smartpal"]
-    operations.switch_adaptor("A", "smartpal", ["--naming", "localhost:2809"])
-    assert agent.switched == ("smartpal", ["--naming", "localhost:2809"])
+    arguments = ["--naming", "localhost:2809"]
+    operations.switch_adaptor("A", "smartpal", arguments)
+    agent.switch.assert_called_once_with("smartpal", arguments)
     table = Operations(NOBODY)
     table.add(operations)
     for words in (["x" * MAX_ARGUMENTS, "x"], [1], ["\0"], "-x", 5):

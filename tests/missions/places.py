@@ -1,4 +1,5 @@
-"""Robots of one process on an event channel in memory: their missions are real, and so is the building."""
+"""Robots of one process on an event channel in memory: their missions are real, and so is the building. A World that
+consists of a map only."""
 
 from __future__ import annotations
 
@@ -11,8 +12,13 @@ from typing import Any
 
 import msgpack
 
-from robocorba.errors.robots import RobotLost
+from robocorba.errors.robots import MissionFailed, RobotLost
 from robocorba.errors.services import NotReachable
+from robocorba.errors.simulation import UnknownMission
+from robocorba.map_editor.geometry import Obstacle, object_geometry
+from robocorba.map_editor.model import Building
+from robocorba.map_editor.movable import movables, object_outline
+from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions import leader_policy, member
 from robocorba.missions.attempt import LeaderRobot
@@ -26,6 +32,9 @@ from robocorba.missions.mission_agent import MissionAgent
 from robocorba.missions.recorder import LedMission, MissionRecorder
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, Step, plan_of
 from robocorba.missions.transport import Transport
+from robocorba.missions.world import MovableObject, StandingRobot
+from robocorba.planning.planner import PathPlanner
+from robocorba.planning.request import Path, PathRequest
 from robocorba.planning.request import Place as Spot
 from robocorba.robot.agent import ControlAgent
 from robocorba.robot.collision_avoidance import policy
@@ -33,7 +42,9 @@ from robocorba.robot.collision_avoidance.neighbours import Nearby
 from robocorba.robot.collision_avoidance.policy import GivingWayPolicy
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.model_switcher import AdaptorContext
-from robocorba.simulation.mission_record import MissionContent
+from robocorba.simulation.mission_directory import MissionDirectory
+from robocorba.simulation.mission_record import MissionContent, decoded
+from robocorba.simulation.store import Mission, SimulationStore
 from robocorba.system.repeating import Repeating
 from tests.robot.places import Channel, Place
 
@@ -91,6 +102,28 @@ class NoRecorder(MissionRecorder):
     def record(self, name: str, content: MissionContent) -> None: ...
 
     def write(self, name: str, content: MissionContent) -> None: ...
+
+
+class WatchedDirectory(MissionDirectory):
+    """note_change: called with the name of each mission that changes, and its records before and after."""
+
+    def __init__(
+        self,
+        store: SimulationStore,
+        clock: Callable[[], float],
+        note_change: Callable[[str, MissionContent, MissionContent], None],
+    ) -> None:
+        super().__init__(store, clock)
+        self._note_change = note_change
+
+    def put_mission(self, mission: Mission) -> int:
+        before = None
+        with contextlib.suppress(UnknownMission):
+            before = decoded(self.stored(mission.name).document)
+        version = super().put_mission(mission)
+        if before and (after := decoded(mission.document)):
+            self._note_change(mission.name, before, after)
+        return version
 
 
 class Crew:
@@ -166,3 +199,40 @@ class Given(CooperativePlanner):
         roles = [(name, "leader" if name == leader else "helper") for name in names]
         phases = [PhaseSteps(f"phase {number}", steps) for number, steps in enumerate(zip(*self._steps, strict=True))]
         return plan_of(mission, "test", leader, "nothing", roles, phases)
+
+
+def first_way(alternatives: Sequence[Sequence[FloorArea]], limit_s: float) -> int:
+    """Reserve the first one of several ways."""
+    return 0
+
+
+class MapWorld:
+    """Objects are at their places on the map; each has the same mass. standing: the robots."""
+
+    def __init__(self, building: Building, mass_kg: float = 2.0, standing: Sequence[StandingRobot] = ()) -> None:
+        self.standing = list(standing)
+        self._building, self._mass_kg = building, mass_kg
+        self._planner = PathPlanner(building)
+
+    def building(self) -> Building:
+        return self._building
+
+    def movable(self, name: str) -> MovableObject:
+        known = movables(self._building)
+        if name not in known:
+            raise MissionFailed(f"there is no object {name!r}")
+        entry, floor = known[name]
+        return MovableObject(name, floor, *entry.at, entry.heading, object_outline(entry), self._mass_kg, entry.height)
+
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
+        found: dict[str, list[Obstacle]] = {}
+        for name, (entry, floor) in movables(self._building).items():
+            if name != carried:
+                found.setdefault(floor, []).append(Obstacle("object", name, object_geometry(entry)))
+        return found
+
+    def robots(self) -> list[StandingRobot]:
+        return self.standing
+
+    def paths(self, request: PathRequest) -> Sequence[Path]:
+        return self._planner.paths(request)

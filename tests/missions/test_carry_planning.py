@@ -62,11 +62,10 @@ def two_rooms(door_m: float, locked: bool = False) -> Building:
 
 
 def two_floors(cabin_m: float, door_m: float) -> Building:
-    building = floor("L1", 12.0, 8.0)
-    upper = floor("L2", 12.0, 8.0, level=2).floors["L2"]
-    building = Building("two floors", {**building.floors, "L2": upper})
+    floors = {name: floor(name, 12.0, 8.0, level=level).floors[name] for level, name in enumerate(("L1", "L2"), 1)}
     doors = (ElevatorDoor("L1", width=door_m), ElevatorDoor("L2", width=door_m))
-    return building.with_element("", Elevator(name="E1", at=(6.0, 6.0), size=(cabin_m, cabin_m), doors=doors))
+    elevator = Elevator(name="E1", at=(6.0, 6.0), size=(cabin_m, cabin_m), doors=doors)
+    return Building("two floors", floors).with_element("", elevator)
 
 
 def best_plan(*args: Any, **kwargs: Any) -> CarryPlan:
@@ -181,38 +180,39 @@ def test_carriers_get_an_object_to_its_goal(
     check(building, plan, carried if start is None else "")
 
 
-def test_a_bend_that_a_long_table_cannot_take_is_named() -> None:
-    with pytest.raises(ImpossibleCarry) as raised:
-        best_plan(*in_corridor(1.5))
-    (blocker,) = raised.value.blockers
-    assert blocker.name in ("L1", "corner-south", "corner-east")
-    assert "to turn at L1 (" in blocker.reason or "for it at L1 (" in blocker.reason
-
-
 WEST, EAST, UP = ("L1", 3.0, 3.5, 0.0), ("L1", 9.0, 3.5, 0.0), ("L2", 9.0, 2.5, 0.0)
+#: A shaft across the whole corridor, with a door on each side.
+DOORS = (ElevatorDoor("L1", side=CabinSide.LEFT, width=2.5), ElevatorDoor("L1", side=CabinSide.RIGHT, width=2.5))
+SHAFT = floor("L1", 14.0, 4.0).with_element("", Elevator(name="E1", at=(7.0, 2.0), size=(4.0, 4.0), doors=DOORS))
+SHELF = floor("L1", 9.0, 7.0, MapObject(name="shelf", shape=BoxShape(size=(2.0, 0.5)), at=(6.0, 4.2)))
 
 
 @pytest.mark.parametrize(
-    ("building", "carried", "start", "goal", "count", "blocker", "reason"),
+    ("building", "carried", "start", "goal", "count", "message"),
     [
-        (two_rooms(0.85), TABLE, WEST, EAST, 2, "door 'narrow' on L1", "0.85 m wide, 0.90 m needed"),
-        (two_rooms(2.0, locked=True), TABLE, WEST, EAST, 2, "door 'narrow' on L1", "is locked"),
-        (two_floors(2.0, 1.8), TABLE, WEST, UP, 2, "elevator 'E1'", "2.00 m by 2.00 m"),
-        (two_floors(3.5, 0.7), BOX, WEST, UP, 2, "elevator 'E1'", "its door is 0.70 m wide"),
+        (two_rooms(0.85), TABLE, WEST, EAST, 2, "; door 'narrow' on L1: .*0.85 m wide, 0.90 m needed"),
+        (two_rooms(2.0, locked=True), TABLE, WEST, EAST, 2, "; door 'narrow' on L1: .*is locked"),
+        (two_floors(2.0, 1.8), TABLE, WEST, UP, 2, "; elevator 'E1'.*: .*2.00 m by 2.00 m"),
+        (two_floors(3.5, 0.7), BOX, WEST, UP, 2, "; elevator 'E1'.*: .*its door is 0.70 m wide"),
         (
             *(SCENE, "table", None, ("L1", 11.3, 3.1, math.pi / 2), 3),
-            *("door 'door-between' on L1", "1.40 m wide, 1.72 m needed"),
+            "; door 'door-between' on L1: .*1.40 m wide, 1.72 m needed",
         ),
+        (*in_corridor(1.5), r"; .*(L1|corner-south|corner-east).*: .*(to turn|for it) at L1 \("),
+        (SHAFT, BOX, ("L1", 2.5, 2.0, 0.0), ("L1", 11.5, 2.0, 0.0), 2, "; "),
+        # Nothing keeps the doors open at a goal between the doors, or in the cabin.
+        *((two_floors(3.0, 2.0), BOX, WEST, ("L1", 6.0, y, 0.0), 2, "E1|separate") for y in (4.5, 6.5)),
+        (Building("apart", two_floors(3.0, 2.0).floors), BOX, WEST, UP, 2, "no elevator leads from L1 to L2"),
+        (SHELF, TABLE, ("L1", 2.5, 3.0, 0.0), ("L1", 6.0, 3.8, 0.0), 2, "goal.*; object 'shelf' on L1"),
+        (SHELF, TABLE, ("L1", 0.5, 3.0, 0.0), ("L1", 6.0, 2.0, 0.0), 2, "start"),
     ],
 )
-def test_what_is_too_narrow_or_locked_is_named(
-    building: Building, carried: Any, start: Any, goal: Any, count: int, blocker: str, reason: str
+def test_what_blocks_a_carry_is_named(
+    building: Building, carried: Any, start: Any, goal: Any, count: int, message: str
 ) -> None:
-    with pytest.raises(ImpossibleCarry) as raised:
+    with pytest.raises(ImpossibleCarry, match=message) as raised:
         best_plan(building, carried, start, goal, count)
-    (found,) = raised.value.blockers
-    assert str(found).startswith(blocker)
-    assert reason in found.reason
+    assert len(raised.value.blockers) <= 1
 
 
 def test_two_carry_a_box_up_one_floor() -> None:
@@ -228,20 +228,6 @@ def test_two_carry_a_box_up_one_floor() -> None:
     check(building, plan)
 
 
-def test_closed_elevator_doors_are_obstacles() -> None:
-    """A shaft across the whole corridor, with a door on each side."""
-    doors = (ElevatorDoor("L1", side=CabinSide.LEFT, width=2.5), ElevatorDoor("L1", side=CabinSide.RIGHT, width=2.5))
-    building = floor("L1", 14.0, 4.0).with_element("", Elevator(name="E1", at=(7.0, 2.0), size=(4.0, 4.0), doors=doors))
-    with pytest.raises(ImpossibleCarry):
-        best_plan(building, BOX, ("L1", 2.5, 2.0, 0.0), ("L1", 11.5, 2.0, 0.0), 2)
-
-
-@pytest.mark.parametrize("y", [4.5, 6.5], ids=["between the doors", "in the cabin"])
-def test_nothing_keeps_the_doors_open_at_a_goal_in_an_elevator(y: float) -> None:
-    with pytest.raises(ImpossibleCarry, match=r"E1|separate"):
-        best_plan(two_floors(3.0, 2.0), BOX, ("L1", 2.5, 2.5, 0.0), ("L1", 6.0, y, 0.0), 2)
-
-
 def test_carriers_reach_and_leave_their_places_as_getpath_wants() -> None:
     """With all of their circles, not only with polygons in them."""
     formation = best_plan(floor("L1", 9.0, 7.0), TABLE, ("L1", 3.0, 3.0, 0.0), ("L1", 6.0, 3.0, 0.0), 2).formation
@@ -250,17 +236,7 @@ def test_carriers_reach_and_leave_their_places_as_getpath_wants() -> None:
         assert area.boundary.distance(shapely.Point(x, y)) >= RADIUS_M - 1e-12
 
 
-def test_an_error_names_what_occupies_start_or_goal() -> None:
-    building = floor("L1", 9.0, 7.0, MapObject(name="shelf", shape=BoxShape(size=(2.0, 0.5)), at=(6.0, 4.2)))
-    with pytest.raises(ImpossibleCarry) as raised:
-        best_plan(building, TABLE, ("L1", 2.5, 3.0, 0.0), ("L1", 6.0, 3.8, 0.0), 2)
-    assert "goal" in raised.value.reason
-    assert [blocker.name for blocker in raised.value.blockers] == ["shelf"]
-    with pytest.raises(ImpossibleCarry, match="start"):
-        best_plan(building, TABLE, ("L1", 0.5, 3.0, 0.0), ("L1", 6.0, 2.0, 0.0), 2)
-
-
-def test_objects_are_avoided_where_they_are_now() -> None:
+def test_objects_and_robots_are_avoided_where_they_are_now() -> None:
     crate = MapObject(name="crate", shape=BoxShape(size=(1.0, 1.0)), at=(6.0, 3.5), movable=True)
     building = floor("L1", 12.0, 7.0, crate)
     start, goal = ("L1", 2.5, 3.5, 0.0), ("L1", 6.0, 3.5, 0.0)
@@ -271,11 +247,8 @@ def test_objects_are_avoided_where_they_are_now() -> None:
     check(building, plan, "crate", (moved,))
     with pytest.raises(ImpossibleCarry):
         best_plan(building, TABLE, start, goal, 2, blocked={"L1": [moved, shapely.box(5.5, 3.0, 6.5, 4.0)]})
-
-
-def test_the_path_leads_around_a_robot() -> None:
     building, robot = floor("L1", 12.0, 7.0), Obstacle("robot", "C", shapely.Point(6.0, 3.5).buffer(0.4))
-    plan = best_plan(building, TABLE, ("L1", 2.5, 3.5, 0.0), ("L1", 9.5, 3.5, 0.0), 2, blocked={"L1": [robot]})
+    plan = best_plan(building, TABLE, start, ("L1", 9.5, 3.5, 0.0), 2, blocked={"L1": [robot]})
     assert len(plan.legs[0].poses) > 2
     check(building, plan, "", (robot,))
 
@@ -294,10 +267,3 @@ def test_the_path_leads_around_a_robot() -> None:
 def test_invalid_requests_are_refused(thing, start, goal, count) -> None:  # type: ignore[no-untyped-def]
     with pytest.raises(InvalidCarry):
         best_plan(SCENE, thing, start, goal, count)
-
-
-def test_floors_without_a_connecting_elevator() -> None:
-    building = two_floors(3.0, 2.0)
-    building = Building("apart", building.floors)
-    with pytest.raises(ImpossibleCarry, match="no elevator leads from L1 to L2"):
-        best_plan(building, BOX, ("L1", 2.5, 2.5, 0.0), ("L2", 9.0, 2.5, 0.0), 2)

@@ -1,23 +1,27 @@
-"""The steps of a SubPlan in the simulated building."""
+"""The steps of a SubPlan in the simulated building, the part of a robot that does them, and clocks."""
 
 from __future__ import annotations
 
 import contextlib
 import math
+import time
 from functools import partial
 from pathlib import Path
-from unittest.mock import DEFAULT, MagicMock
+from unittest.mock import DEFAULT, MagicMock, Mock
 
 import pytest
 
-from robocorba.errors.robots import RideLost, ServerAway
+from robocorba.errors.robots import RideLost, RobotLost, ServerAway
 from robocorba.errors.simulation import InvalidReservation
 from robocorba.map_editor.model import BoxShape, MapObject
 from robocorba.map_editor.samples import load_sample
 from robocorba.missions.carry_progress import CarryProgress
-from robocorba.missions.clock import LeaderClock
+from robocorba.missions.clock import LeaderClock, SteadyClock
 from robocorba.missions.execution import ABORT_BACK_M, StepExecutor
-from robocorba.missions.subplan import BackOff, CallCabin, Carry, Reserve, Ride, TakeHold
+from robocorba.missions.leader_areas import LeaderAreas
+from robocorba.missions.member import Member, MemberPolicy
+from robocorba.missions.messages import Assignment
+from robocorba.missions.subplan import BackOff, CallCabin, Carry, Gather, Reserve, Ride, SubPlan, TakeHold
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.planner import PathPlanner
 from robocorba.robot.robot import Robot
@@ -28,6 +32,15 @@ from tests.robot.stepped_robot import Session, SteppedRobot, World
 
 BOX = MapObject("box", BoxShape((0.6, 0.6)), (2.0, 1.0), height=0.8, movable=True)
 CARRY = Carry(rows=Trajectory([(2.0, 1.0, 0.0), (2.5, 1.0, 0.0)]).to_rows(), place=(-0.92, 0.0, 0.0))
+HOLD = TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7)
+
+
+def at_the_box() -> Crowd:
+    return Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
+
+
+def face_to_face() -> Crowd:
+    return Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
 
 
 def executor_of(robot: Robot) -> StepExecutor:
@@ -36,17 +49,15 @@ def executor_of(robot: Robot) -> StepExecutor:
 
 @pytest.mark.parametrize("step", [CARRY, Ride(elevator="E1", destination="L2")], ids=lambda step: type(step).__name__)
 def test_losing_the_grip_ends_the_step(step: Carry | Ride) -> None:
-    crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
-
     def carry(robot: Robot) -> None:
         executor = executor_of(robot)
-        executor.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        executor.execute(HOLD)
         assert robot.session.latest.holding == "box"
         robot.session.release()
         robot.session.state()
         executor.execute(step)
 
-    assert crowd.run(60.0, A=carry) == {"A": "lost its hold of box"}
+    assert at_the_box().run(60.0, A=carry) == {"A": "lost its hold of box"}
 
 
 def test_carriers_drive_into_a_cabin_only_while_they_have_a_ride(tmp_path: Path) -> None:
@@ -66,15 +77,14 @@ def test_carriers_drive_into_a_cabin_only_while_they_have_a_ride(tmp_path: Path)
 
 
 def test_a_robot_lets_go_after_an_abort_once_the_server_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
+    crowd = at_the_box()
 
     def abort(robot: Robot) -> None:
         executor = executor_of(robot)
-        executor.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        executor.execute(HOLD)
         for name in ("release", "cancel_elevator"):
-            call = MagicMock(
-                wraps=getattr(robot.session, name), side_effect=[ServerAway("away")] * 2 + [DEFAULT] * 1000
-            )
+            answers = [ServerAway("away")] * 2 + [DEFAULT] * 1000
+            call = MagicMock(wraps=getattr(robot.session, name), side_effect=answers)
             monkeypatch.setattr(robot.session, name, call)
         executor.end_safely()
 
@@ -83,44 +93,38 @@ def test_a_robot_lets_go_after_an_abort_once_the_server_is_back(monkeypatch: pyt
     assert crowd.at("A")[0] == pytest.approx(1.08 - ABORT_BACK_M, abs=0.01)
 
 
-def test_overlapping_reservations_are_granted_one_after_the_other() -> None:
-    crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
-    ours: dict[str, tuple[float, float]] = {}
+def test_a_gathering_robot_drives_around_a_stationary_one() -> None:
+    crowd = Crowd(room(8.0, 4.0), {"A": (1.0, 2.0, 0.0), "B": (4.0, 2.0, 0.0)})
+    beyond = Gather(floor="L1", x=7.0, y=2.0, heading=0.0)
+    assert crowd.run(60.0, A=lambda robot: executor_of(robot).execute(beyond)) == {}
+    assert crowd.touched == []
+    assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.02)
 
-    def pass_by(robot: Robot, name: str, ahead_m: float) -> None:
+
+def test_overlapping_reservations_are_granted_one_after_the_other() -> None:
+    crowd, ours = face_to_face(), list[tuple[float, float]]()
+
+    def pass_by(robot: Robot, west: float, ahead_m: float) -> None:
         executor = executor_of(robot)
-        west, east = (2.0, 5.0) if name == "A" else (3.0, 6.0)
-        area = ((west, 0.1), (east, 0.1), (east, 1.9), (west, 1.9))
+        area = ((west, 0.1), (west + 3.0, 0.1), (west + 3.0, 1.9), (west, 1.9))
         executor.execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=60.0))
         begun = crowd.time
         robot.drive_by(ahead_m, 0.0, 0.0, 0.3)
-        ours[name] = begun, crowd.time
+        ours.append((begun, crowd.time))
         executor.release_reservations()
 
-    assert crowd.run(60.0, A=partial(pass_by, name="A", ahead_m=0.5), B=partial(pass_by, name="B", ahead_m=0.6)) == {}
-    first, second = sorted(ours.values())
+    assert crowd.run(60.0, A=partial(pass_by, west=2.0, ahead_m=0.5), B=partial(pass_by, west=3.0, ahead_m=0.6)) == {}
+    first, second = sorted(ours)
     assert second[0] >= first[1]
     assert crowd.robots["A"].session.reservation() is None
 
 
-def test_waiting_for_a_reservation_has_a_limit() -> None:
-    crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
-    area = ((2.0, 0.1), (5.0, 0.1), (5.0, 1.9), (2.0, 1.9))
-    crowd.robots["B"].session.reserve([("L1", area)], 60.0)
-
-    def reserve(robot: Robot) -> None:
-        executor_of(robot).execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=2.0))
-
-    assert crowd.run(20.0, A=reserve) == {"A": "the path's areas were not granted within 2 s"}
-
-
-def test_areas_that_were_reserved_with_the_plan_keep_their_turn() -> None:
-    crowd = Crowd(room(8.0, 2.0), {"A": (1.0, 1.0, 0.0), "B": (7.0, 1.0, 0.0)})
+def test_areas_that_were_reserved_with_the_plan_keep_their_turn_and_others_wait_for_a_limited_time() -> None:
+    crowd, granted = face_to_face(), list[tuple[float, float]]()
     west, east = ((0.0, 0.1), (2.0, 0.1), (2.0, 1.9)), ((3.0, 0.1), (5.0, 0.1), (5.0, 1.9))
     a, b = crowd.robots["A"].session, crowd.robots["B"].session
     assert a.reserve_one_of([[("L1", west)], [("L1", east)]], 60.0) == 0
     b.reserve([("L1", west)], 60.0)
-    granted: list[tuple[float, float]] = []
 
     def reserve(robot: Robot, area: tuple[tuple[float, float], ...]) -> None:
         executor_of(robot).execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=2.0))
@@ -129,6 +133,7 @@ def test_areas_that_were_reserved_with_the_plan_keep_their_turn() -> None:
     assert crowd.run(20.0, A=partial(reserve, area=west)) == {}  # not behind B
     assert crowd.run(20.0, A=partial(reserve, area=east)) == {}  # another way: not what was reserved
     assert crowd.run(20.0, B=partial(reserve, area=west)) == {}
+    assert crowd.run(20.0, A=partial(reserve, area=west)) == {"A": "the path's areas were not granted within 2 s"}
     assert granted == [west[0], east[0], west[0]]
 
 
@@ -151,21 +156,51 @@ def test_a_ride_ends_also_on_a_floor_that_got_another_name(error: InvalidReserva
 
 
 def test_an_object_moved_after_planning_is_not_gripped() -> None:
-    crowd = Crowd(room(6.0, 2.0, BOX), {"A": (1.08, 1.0, 0.0)})
-
     def grip(robot: Robot) -> None:
-        executor = StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0))
-        executor.execute(TakeHold(thing="box", at=(2.0, 1.0, 0.0), x=1.7, y=1.0, height_m=0.7))
+        StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0)).execute(HOLD)
 
-    assert crowd.run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) after planning"}
+    assert at_the_box().run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) after planning"}
 
 
 def test_a_robot_backs_off_as_far_as_there_is_room() -> None:
     crowd = Crowd(room(6.0, 2.0), {"A": (0.55, 1.0, 0.0)})
-
-    def back_off(robot: Robot, distance_m: float) -> None:
-        executor_of(robot).execute(BackOff(distance_m=distance_m))
-
-    assert crowd.run(60.0, A=partial(back_off, distance_m=0.3)) == {}
+    assert crowd.run(60.0, A=lambda robot: executor_of(robot).execute(BackOff(distance_m=0.3))) == {}
     assert crowd.touched == []
     assert crowd.at("A")[0] == pytest.approx(0.42, abs=0.005)
+
+
+def test_a_part_that_ends_before_its_first_step_has_begun_none() -> None:
+    crowd = Crowd(room(4.0, 2.0), {"A": (1.0, 1.0, 0.0)})
+    subplan = SubPlan("A", "helper", (BackOff(distance_m=0.3),))
+    task = Assignment(mission="m.1", leader="B", term=1, phases=("backing off",), subplan=subplan)
+    member = Member(task, crowd.robots["A"], lambda thing: None, MemberPolicy(end_order_timeout_s=0.0))
+
+    def take_part(robot: Robot) -> None:
+        robot.execution.abort("emergency stop")
+        member.run()
+
+    assert crowd.run(20.0, A=take_part) == {}
+    assert (member.report.reason, member.report.icons_done) == ("emergency stop", 0)  # unsigned in robot.idl
+
+
+@pytest.mark.parametrize("failures", [[ServerAway("restarting")] * 2 + [None], [RobotLost("logged off")]])
+def test_areas_are_given_back_once_the_server_is_back(failures: list[Exception | None]) -> None:
+    """Else they would keep other missions waiting for ten minutes. A robot that was logged off has none."""
+    session = Mock()
+    session.release_areas.side_effect = failures
+    LeaderAreas(session).release()
+    assert session.release_areas.call_count == len(failures)
+
+
+HOUR_S = 3600.0
+
+
+@pytest.mark.parametrize("jump_s", [-HOUR_S, HOUR_S, -50 * 365 * 24 * HOUR_S])
+def test_time_passes_steadily_while_the_clock_is_set(monkeypatch: pytest.MonkeyPatch, jump_s: float) -> None:
+    own, leaders = SteadyClock(), LeaderClock()
+    before, ordered, wall = own.now(), leaders.now(), time.time
+    monkeypatch.setattr(time, "time", lambda: wall() + jump_s)
+    assert 0.0 <= own.now() - before < HOUR_S / 2
+    assert 0.0 <= leaders.now() - ordered < HOUR_S / 2
+    own.synchronize()
+    assert abs(own.now() - before - jump_s) < HOUR_S / 2

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
-from collections.abc import Iterator
-from itertools import pairwise
+from pathlib import Path
 
 import msgspec
-import numpy as np
 import pytest
 import shapely
 
@@ -16,18 +15,18 @@ from robocorba.clients.cooperative_planners import PLANNERS
 from robocorba.errors.robots import MissionFailed
 from robocorba.map_editor.geometry import Obstacle
 from robocorba.map_editor.model import Building, Floor
+from robocorba.map_editor.spatial.frames import out_of
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.map_editor.topology import topological_map
 from robocorba.missions.hand_over import BETWEEN_M, GIVING, TAKING, HandOverPlanner
-from robocorba.missions.subplan import CooperativePlan, Gather, Grip
+from robocorba.missions.subplan import CooperativePlan, Gather
 from robocorba.planning.request import Place as Spot
 from robocorba.robot.kinematics.inverse import InverseKinematics
 from robocorba.robot.kinematics.smartpal import GRIP, JOINTS, OPEN_RAD, RADIUS_M, SHUT_RAD
 from robocorba.robot.kinematics.tasks import GRIP_DEPTH_M, SHEET_M
 from robocorba.robot.programs import icons
 from testkit.buildings import two_storeys
-from tests.missions.places import Crew
-from tests.missions.worlds import MapWorld
+from tests.missions.places import Crew, MapWorld
 from tests.robot.places import Place
 
 pytestmark = pytest.mark.slow
@@ -84,32 +83,16 @@ def test_they_meet_clear_of_moved_objects() -> None:
     assert min(here.x, there.x) > BOARD.bounds[2] - 1.0
 
 
-def test_the_taker_grips_before_the_giver_lets_go(world: MapWorld) -> None:
-    plan = planned(world, "A", "B")
-    shut = {"A": True, "B": False}
-    seen = []
-    for steps in zip(*(subplan.steps for subplan in plan.subplans), strict=True):
-        for subplan, step in zip(plan.subplans, steps, strict=True):
-            if isinstance(step, Grip):
-                shut[subplan.robot] = step.closes
-        seen.append((shut["A"], shut["B"]))
-    assert [now for before, now in pairwise([None, *seen]) if now != before] == [
-        *((True, False), (True, True), (False, True)),
-    ]
-
-
-def test_the_leader_need_not_take_part(world: MapWorld) -> None:
-    own = HandOverPlanner(world, "sheet", "A", "B", "A", ROBOTS["A"])
-    assert (own.required, own.helpers) == ({"B"}, 1)
-    others = HandOverPlanner(world, "sheet", "B", "C", "A", ROBOTS["A"])
-    assert (others.required, others.helpers) == ({"B", "C"}, 2)
-    assert [subplan.robot for subplan in others.plan("m", "A", ROBOTS).subplans] == ["B", "C"]
-
-
-def test_the_icon_has_a_planner(world: MapWorld) -> None:
-    for icon, required in ((icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})):
-        found = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])
-        assert isinstance(found, HandOverPlanner) and found.required == required
+@pytest.mark.parametrize(
+    ("icon", "required"),
+    [(icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})],
+)
+def test_the_leader_need_not_take_part(world: MapWorld, icon: icons.HandOver, required: set[str]) -> None:
+    planner = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])
+    assert isinstance(planner, HandOverPlanner)
+    assert (planner.required, planner.helpers) == (required, len(required))
+    carriers = required if len(required) == 2 else {"A", *required}
+    assert {subplan.robot for subplan in planner.plan("m", "A", ROBOTS).subplans} == carriers
 
 
 def test_impossible_hand_overs_are_refused(world: MapWorld) -> None:
@@ -141,48 +124,33 @@ def test_too_small_rooms_are_refused() -> None:
 # ---- two robots ----
 
 
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
-    place = Place(tmp_path_factory.mktemp("place"))
-    yield place
-    place.close()
-
-
-@pytest.fixture
-def crew(place: Place) -> Iterator[Crew]:
-    crew = Crew(place, {"A": Pose("L1", 7.0, 2.4, 1.57), "B": Pose("L1", 7.0, 4.0, -1.57)})
-    yield crew
-    crew.close()
-
-
-def test_two_robots_hand_a_sheet_over(crew: Crew, place: Place) -> None:
-    at = crew.agents["A"].place
-    planner = HandOverPlanner(MapWorld(place.building), "sheet", "A", "B", "A", Spot(at.floor, at.x, at.y))
+def test_two_robots_hand_a_sheet_over(tmp_path: Path) -> None:
     kinematics, ended = InverseKinematics(), threading.Event()
-    apart: list[float] = []
-    touching: list[list[tuple[str, str]]] = []
+    apart, touching = list[float](), list[list[tuple[str, str]]]()
 
-    def look() -> None:
+    def look(crew: Crew) -> None:
         while not ended.wait(0.05):
             giver, taker = (crew.agents[name].state.actor for name in ("A", "B"))
             touching.extend(found for each in (giver, taker) if (found := kinematics.body.collisions(each.joints)))
-            shut = [abs(each.joints[GRIP[side]] - SHUT_RAD) < 0.01 for each, side in ((giver, GIVING), (taker, TAKING))]
-            if all(shut):
+            both = ((giver, GIVING), (taker, TAKING))
+            if all(abs(each.joints[GRIP[side]] - SHUT_RAD) < 0.01 for each, side in both):
                 hands = []
-                for each, side in ((giver, GIVING), (taker, TAKING)):
-                    hand, c, s = kinematics.body.hand(side, each.joints), math.cos(each.heading), math.sin(each.heading)
-                    hands.append((each.x + c * hand.x - s * hand.y, each.y + s * hand.x + c * hand.y, hand.z))
+                for each, side in both:
+                    hand = kinematics.body.hand(side, each.joints)
+                    hands.append((*out_of(hand.x, hand.y, (each.x, each.y, each.heading)), hand.z))
                 apart.append(math.dist(*hands))
 
-    thread = threading.Thread(target=look)
-    thread.start()
-    report = crew.leader("A").lead("hand over", lambda: planner)
-    ended.set()
-    thread.join()
-    assert (report.result, report.reason) == ("done", "")
-    assert not touching
-    assert apart == pytest.approx([SHEET_M - 2 * GRIP_DEPTH_M] * len(apart), abs=0.01) and apart
-    joints = {name: np.array(crew.agents[name].state.actor.joints) for name in ("A", "B")}
-    assert len(joints["A"]) == len(JOINTS)
-    assert joints["A"][GRIP[GIVING]] == pytest.approx(OPEN_RAD, abs=0.01)
-    assert joints["B"][GRIP[TAKING]] == pytest.approx(SHUT_RAD, abs=0.01)
+    robots = {"A": Pose("L1", 7.0, 2.4, 1.57), "B": Pose("L1", 7.0, 4.0, -1.57)}
+    with contextlib.closing(Place(tmp_path)) as place, contextlib.closing(Crew(place, robots)) as crew:
+        planner = HandOverPlanner(MapWorld(place.building), "sheet", "A", "B", "A", Spot(*robots["A"][:3]))
+        thread = threading.Thread(target=look, args=(crew,))
+        thread.start()
+        report = crew.leader("A").lead("hand over", lambda: planner)
+        ended.set()
+        thread.join()
+        assert (report.result, report.reason) == ("done", "")
+        assert not touching
+        assert apart == pytest.approx([SHEET_M - 2 * GRIP_DEPTH_M] * len(apart), abs=0.01) and apart
+        a, b = (crew.agents[name].state.actor.joints for name in ("A", "B"))
+        assert len(a) == len(JOINTS)
+        assert (a[GRIP[GIVING]], b[GRIP[TAKING]]) == pytest.approx((OPEN_RAD, SHUT_RAD), abs=0.01)

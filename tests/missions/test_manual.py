@@ -1,30 +1,22 @@
-"""docs/mission.md: its tables of messages and steps, its program, and the planner of the tutorial."""
+"""docs/mission.md: its tables of messages and steps, and its program."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import get_args
 
 import msgspec
 import pytest
 
-from robocorba.errors.robots import MissionFailed
-from robocorba.map_editor.spatial.pose import Pose
 from robocorba.missions.messages import KINDS, MemberMeasurements
 from robocorba.missions.subplan import Idle, Step, SubPlan
-from robocorba.planning.request import Place as Spot
 from robocorba.robot.programs import icons
 from robocorba.robot.programs.program import loads
-from tests.missions.places import Crew
-from tests.robot.places import Place
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 MANUAL = (DOCS / "mission.md").read_text()
 (PROGRAM,) = re.findall(r"```python\n(.*?)```", MANUAL, re.DOTALL)
-TUTORIAL = (DOCS / "tutorials" / "your-own-cooperative-icon.md").read_text()
-(SALUTE,) = re.findall(r"```python file=\S*planner.py\n(.*?)```", TUTORIAL, re.DOTALL)
 
 
 def rows(start: str) -> dict[str, set[str]]:
@@ -56,22 +48,3 @@ def test_the_program_of_the_manual_is_valid(capsys: pytest.CaptureFixture[str]) 
     assert [type(icon) for icon in program.icons if isinstance(icon, icons.MoveTable | icons.HandOver)] == [
         *(icons.MoveTable, icons.HandOver),
     ]
-
-
-@pytest.fixture
-def crew(tmp_path: Path) -> Iterator[Crew]:
-    place = Place(tmp_path)
-    crew = Crew(place, {"A": Pose("L1", 7.0, 2.0), "B": Pose("L1", 8.5, 2.2, 3.14)})
-    yield crew
-    crew.close()
-    place.close()
-
-
-def test_the_new_icon_of_the_tutorial_works(crew: Crew) -> None:
-    found: dict[str, Any] = {}
-    exec(compile(SALUTE, "planner.py", "exec", dont_inherit=True), found)
-    report = crew.leader("A").lead("salute", lambda: found["Salute"]("B", Spot("L1", 7.0, 2.0)))
-    assert (report.result, report.reason) == ("done", "")
-    assert [phase.name for phase in report.phases] == ["gathering", "saluting"]
-    with pytest.raises(MissionFailed, match="C did not offer to help"):
-        found["Salute"]("C", Spot("L1", 7.0, 2.0)).plan("m", "A", {"B": Spot("L1", 8.5, 2.0)})

@@ -16,7 +16,7 @@ import random
 import sys
 import tempfile
 from collections import defaultdict
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, TypeVar
@@ -55,7 +55,7 @@ from robocorba.robot.programs.program import Program
 from robocorba.simulation.mission_directory import MissionDirectory
 from robocorba.simulation.mission_record import MissionContent, MissionResult, decoded
 from robocorba.simulation.store import Mission, SimulationStore
-from tests.missions.places import Bus, Given, Receive
+from tests.missions.places import Bus, Given, Receive, WatchedDirectory
 from tests.missions.virtual_time import Task, VirtualTime
 
 ROBOTS, SERVER = "ABCD", "server"
@@ -361,21 +361,6 @@ class Process:
             assert silent_s <= TAKING_PART.pause_timeout_s + 1.0, f"{self.name} moves without orders"
 
 
-class WatchedDirectory(MissionDirectory):
-    def __init__(self, store: SimulationStore, world: World) -> None:
-        super().__init__(store, lambda: 1e9 + world.time.now)
-        self._world = world
-
-    def put_mission(self, mission: Mission) -> int:
-        before = None
-        with contextlib.suppress(UnknownMission):
-            before = decoded(self.stored(mission.name).document)
-        version = super().put_mission(mission)
-        if before and (after := decoded(mission.document)):
-            self._world.note_change(mission.name, before, after)
-        return version
-
-
 class World:
     """Robots and mission control; what happened to them, and what was seen of missions."""
 
@@ -400,7 +385,7 @@ class World:
         self.robots = {name: Process(self, name) for name in ROBOTS}
 
     def start_server(self) -> None:
-        self.server = WatchedDirectory(self.store, self)
+        self.server = WatchedDirectory(self.store, lambda: 1e9 + self.time.now, self.note_change)
         leaders = Leaders(self, SERVER)
 
         def nearest(about: str) -> list[str]:
@@ -717,6 +702,16 @@ class Missions(RuleBasedStateMachine):
                 assert last.result in (MissionResult.DONE, MissionResult.ABORTED), last
 
 
+@contextlib.contextmanager
+def a_mission_led_by_a(for_s: float) -> Iterator[Missions]:
+    missions = Missions()
+    try:
+        missions.a_mission_is_started(0, "A", for_s)
+        yield missions
+    finally:
+        missions.teardown()
+
+
 @pytest.mark.parametrize(
     ("begins_s", "how", "for_s"),
     [
@@ -729,12 +724,8 @@ class Missions(RuleBasedStateMachine):
     ],
 )
 def test_a_leader_goes_on_late(begins_s: float, how: str, for_s: float) -> None:
-    missions = Missions()
-    try:
-        missions.a_mission_is_started(0, "A", begins_s)
+    with a_mission_led_by_a(begins_s) as missions:
         missions.the_leader_has_a_trouble(how, for_s, True, 12.0)
-    finally:
-        missions.teardown()
 
 
 @pytest.mark.parametrize(
@@ -746,40 +737,28 @@ def test_a_leader_goes_on_late(begins_s: float, how: str, for_s: float) -> None:
 )
 def test_carriers_go_on_without_one_that_dies(robot: int, leader: str, phases: list[str]) -> None:
     """It is not needed. They do not put the desk down, also under another leader."""
-    missions = Missions()
-    try:
-        missions.a_mission_is_started(0, "A", 14.0)
+    with a_mission_led_by_a(14.0) as missions:
         missions.hurt([(robot, "dies")], 60.0, False, 0.0)
         (content,) = missions.world.contents().values()
         assert (content.result, content.leader, content.faults) == (MissionResult.DONE, leader, ())
         assert [phase.name for phase in content.phases][-3:] == phases
         assert sorted(missions.world.held) == ["A", "B", "C"], "each has gripped it once"
-    finally:
-        missions.teardown()
 
 
 def test_a_robot_whose_assignment_is_lost_reads_the_plan_in_the_leaders_data_pool() -> None:
-    missions = Missions()
-    try:
-        missions.a_mission_is_started(0, "A", 0.25)
+    with a_mission_led_by_a(0.25) as missions:
         missions.world.bus.lost = {(name, "mission.proposal") for name in "BCD"}
         missions.run_for(60.0)
         (content,) = missions.world.contents().values()
         assert (content.result, content.faults) == (MissionResult.DONE, ())
         assert sorted(missions.world.held)[0] == "A" and len(missions.world.held) == 3
-    finally:
-        missions.teardown()
 
 
 def test_an_aborted_mission_ends_as_aborted() -> None:
-    missions = Missions()
-    try:
-        missions.a_mission_is_started(0, "A", 10.0)
+    with a_mission_led_by_a(10.0) as missions:
         missions.happens("it is aborted", 0, 12.0)
         (content,) = missions.world.contents().values()
         assert (content.result, content.reason) == (MissionResult.ABORTED, "phase 1: A: it was aborted")
-    finally:
-        missions.teardown()
 
 
 TestMissions = Missions.TestCase

@@ -1,4 +1,4 @@
-"""The plans of move_table: which robot carries where, on one floor and through an elevator whose doors close."""
+"""Plans of move_table: how robots gather around the object, which one carries where, also through an elevator."""
 
 from __future__ import annotations
 
@@ -7,17 +7,23 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as some
 from msgspec import structs
 from shapely import Point, Polygon
-from shapely.affinity import rotate, translate
 
+from robocorba.errors.paths import NotFree
 from robocorba.errors.robots import GoalReached, ImpossibleCarry, InTheWay, MissionFailed
-from robocorba.map_editor.geometry import shaft_polygon
+from robocorba.map_editor.geometry import Obstacle, shaft_polygon
 from robocorba.map_editor.model import CabinSide, Elevator, ElevatorDoor
 from robocorba.map_editor.polygons import FloorArea
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.missions import move_table
 from robocorba.missions.formation import BACK_OFF_M
+from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, driving_groups, spread_apart
 from robocorba.missions.move_table import DOOR_MARGIN_S, SUCCESSION_S, MoveTablePlanner
+from robocorba.missions.obstacles import placed
 from robocorba.missions.subplan import (
     Approach,
     CallCabin,
@@ -33,13 +39,137 @@ from robocorba.missions.subplan import (
     holding_steps,
 )
 from robocorba.missions.trajectory import Trajectory
-from robocorba.missions.world import StandingRobot
-from robocorba.planning.request import Place
+from robocorba.missions.world import MovableObject, StandingRobot
+from robocorba.planning.request import MAX_AREAS, Place
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.robot.programs.icons import Destination
 from robocorba.simulation.elevator import BOARDING_LIMIT_S
 from testkit.buildings import two_storeys, with_all
-from tests.missions.worlds import MapWorld, first_way
+from tests.missions.places import MapWorld, first_way
+
+
+class MovedWorld(MapWorld):
+    """The box is not where the map has it."""
+
+    def movable(self, name: str) -> MovableObject:
+        return super().movable(name)._replace(x=2.4, y=3.5, heading=0.0)
+
+
+def test_paths_avoid_the_object_where_it_is_now() -> None:
+    world = MovedWorld(two_storeys())
+    paths = GatheringPaths(world, world.movable("box"))
+    assert paths.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
+    assert paths.length_m(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5)) is None
+    with pytest.raises(NotFree, match="to box, which stands there now"):
+        paths.path(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5))
+    on_map = MapWorld(two_storeys())
+    assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
+
+
+def test_a_moved_box_can_be_carried_again() -> None:
+    beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A is at the box's place on the map
+    plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
+    assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
+
+
+class FullWorld(MovedWorld):
+    """There are more objects than fit into a path request."""
+
+    def others(self, carried: str) -> dict[str, list[Obstacle]]:
+        crate = shapely.box(11.0, 6.0, 11.1, 6.1)
+        return {"L1": [Obstacle("object", f"crate{number}", crate) for number in range(MAX_AREAS)]}
+
+
+def test_too_many_objects_are_taken_from_the_map() -> None:
+    world = FullWorld(two_storeys())
+    assert GatheringPaths(world, world.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
+
+
+@settings(deadline=None)
+@given(
+    some.lists(some.tuples(some.floats(-1, 1), some.floats(-1, 1)), min_size=1, max_size=4, unique=True),
+    some.floats(0.1, 1.0),
+)
+def test_places_are_spread_apart(at: list[tuple[float, float]], apart_m: float) -> None:
+    places: list[Pose2D] = [(x, y, 0.5) for x, y in at]
+    found = spread_apart(places, apart_m)
+    assert [heading for *_, heading in found] == [0.5] * len(at)
+    for i, one in enumerate(found):
+        for k in range(i):
+            assert math.dist(one[:2], found[k][:2]) > 0.5 * apart_m or math.dist(at[i], at[k]) < 1e-3
+    if all(math.dist(a, b) >= apart_m for i, a in enumerate(at) for b in at[:i]):
+        assert found == places
+
+
+def test_carriers_side_by_side_gather_apart() -> None:
+    first, second = spread_apart([(0.0, 0.41, 0.0), (0.0, -0.41, 0.0)])
+    assert math.dist(first[:2], second[:2]) == pytest.approx(0.8 + SPACING_M)
+    assert first[0] == second[0] == 0.0
+
+
+@pytest.mark.parametrize(
+    ("floors", "paths", "groups"),
+    [
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(0.0, 3.0), (4.0, 3.0)]], [{0, 1}]),
+        (
+            ("L1", "L1", "L2"),
+            [[(0.0, 1.0), (2.0, 0.0)], [(0.0, -1.0), (2.0, -0.5), (4.0, 0.0)], [(3.0, 5.0), (4.0, 0.5), (6.0, 0.0)]],
+            [{2}, {1}, {0}],
+        ),
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(2.0, 0.0), (2.0, 3.0)]], [{1}, {0}]),
+        (("L1", "L1"), [[(0.0, 0.0), (4.0, 0.0)], [(4.0, 0.0), (0.0, 0.0)]], [{0, 1}]),
+    ],
+    ids=("separate paths", "paths past goals of others", "a start on a path", "a cycle"),
+)
+def test_groups_that_drive_simultaneously(
+    floors: tuple[str, ...], paths: list[list[tuple[float, float]]], groups: list[set[int]]
+) -> None:
+    drives = [(Place(floor, *path[0]), Place("L1", *path[-1])) for floor, path in zip(floors, paths, strict=True)]
+    assert driving_groups(drives, paths) == groups
+
+
+@settings(deadline=None)
+@given(some.lists(some.tuples(*[some.floats(0, 9)] * 4), min_size=1, max_size=6))
+def test_each_robot_drives_once(paths: list[tuple[float, float, float, float]]) -> None:
+    lines = [((x, y), (goal_x, goal_y)) for x, y, goal_x, goal_y in paths]
+    found = driving_groups([(Place("L1", *start), Place("L1", *goal)) for start, goal in lines], lines)
+    assert sorted(number for group in found for number in group) == list(range(len(paths)))
+
+
+# ---- who gathers where ----
+
+WEST, MIDDLE, EAST = (Place("L1", x, 1.3) for x in (2.4, 3.3, 6.0))
+
+
+def straight(one: Place, other: Place) -> float | None:
+    return math.dist(one[1:], other[1:])
+
+
+@pytest.mark.parametrize("leader", ["A", "B"])
+def test_a_robot_beside_the_object_moves_on_for_one_that_arrives(leader: str) -> None:
+    assert assign_places({"A": MIDDLE, "B": EAST}, [WEST, MIDDLE], leader, straight) == ["A", "B"]
+    assert assign_places({"A": MIDDLE, "B": EAST}, [MIDDLE, WEST], leader, straight) == ["B", "A"]
+
+
+@pytest.mark.parametrize(("leader", "carriers"), [("A", {"A", "B"}), ("B", {"B", "C"})])
+def test_the_nearest_robots_and_the_leader_are_chosen(leader: str, carriers: set[str]) -> None:
+    robots = {"A": Place("L1", 900.0, 0.0), "B": MIDDLE, "C": EAST}
+    assert set(assign_places(robots, [WEST, MIDDLE], leader, straight)) == carriers
+
+
+def test_robots_get_places_that_they_can_reach() -> None:
+    def length_m(start: Place, goal: Place) -> float | None:
+        return None if (start, goal) == (EAST, MIDDLE) or start.floor != goal.floor else straight(start, goal)
+
+    assert assign_places({"A": MIDDLE, "B": EAST}, [WEST, MIDDLE], "A", length_m) == ["B", "A"]
+    for robots, reason in (
+        ({"A": EAST, "B": EAST}, r"no robot can reach L1 \(3\.30, 1\.30\) beside the object$"),
+        ({"A": EAST, "B": Place("L2", 1.0, 1.0)}, r"no robot can reach L1 .* beside the object; on other floors: B"),
+        ({"A": EAST}, "2 robots are needed; A are free"),
+    ):
+        with pytest.raises(MissionFailed, match=reason):
+            assign_places(robots, [MIDDLE, WEST], "A", length_m)
+
 
 ROBOTS = {"A": Place("L1", 3.8, 1.8), "B": Place("L1", 3.8, 5.2), "C": Place("L2", 2.0, 2.0)}
 GOAL = Destination("L2", 6.0, 3.5)
@@ -85,10 +215,15 @@ def steps_of(plan: CooperativePlan, robot: str) -> tuple[Step | Idle, ...]:
 def test_roles_and_first_steps(up: CooperativePlan) -> None:
     assert {subplan.robot: subplan.role for subplan in up.subplans} == {"A": "leader", "B": "helper"}
     assert len({len(subplan.steps) for subplan in up.subplans} | {len(up.phases)}) == 1
+    reserve = steps_of(up, "A")[0]
+    assert isinstance(reserve, Reserve) and isinstance(steps_of(up, "B")[0], Idle)
+    assert [floor for floor, _ in reserve.areas] == ["L1", "L2"]
+    here, there = (Polygon(corners) for _, corners in reserve.areas)
+    assert there.contains(Point(GOAL.x, GOAL.y))
     for subplan in up.subplans:
-        first, gather, approach, hold = subplan.steps[:4]
-        assert isinstance(first, Reserve if subplan.robot == "A" else Idle)
+        gather, approach, hold = subplan.steps[1:4]
         assert isinstance(gather, Gather) and isinstance(approach, Approach) and isinstance(hold, TakeHold)
+        assert here.contains(Point(gather.x, gather.y))
         assert math.dist((gather.x, gather.y), (approach.x, approach.y)) == pytest.approx(BACK_OFF_M)
         faces = math.atan2(hold.y - approach.y, hold.x - approach.x)
         assert math.remainder(faces - approach.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
@@ -98,29 +233,12 @@ def test_roles_and_first_steps(up: CooperativePlan) -> None:
     assert up.subplans[0].robot == ("A" if a.y < b.y else "B")  # each from its own side
 
 
-def test_the_leader_reserves_all_swept_areas(up: CooperativePlan) -> None:
-    reserve = steps_of(up, "A")[0]
-    assert isinstance(reserve, Reserve)
-    assert [floor for floor, _ in reserve.areas] == ["L1", "L2"]
-    here, there = (Polygon(corners) for _, corners in reserve.areas)
-    for subplan in up.subplans:
-        gather = subplan.steps[1]
-        assert isinstance(gather, Gather)
-        assert here.contains(Point(gather.x, gather.y))
-    assert there.contains(Point(GOAL.x, GOAL.y))
-    calls = [step for subplan in up.subplans for step in subplan.steps if isinstance(step, CallCabin)]
-    assert {(call.party, call.size) for call in calls} == {("m to L2", 2)}
-
-
-def test_each_carry_starts_where_the_one_before_ended(up: CooperativePlan) -> None:
+def test_each_carry_starts_where_the_one_before_ended_while_all_hold(up: CooperativePlan) -> None:
     carries = [Trajectory.from_rows(step.rows) for step in steps_of(up, "A") if isinstance(step, Carry)]
     assert carries[0].start == pytest.approx((5.4, 3.5, -0.785))
     assert carries[-1].goal == pytest.approx((GOAL.x, GOAL.y, GOAL.heading))
     for before, after in pairwise(carries):
         assert after.start == pytest.approx(before.goal)
-
-
-def test_robots_hold_from_gripping_to_putting_down(up: CooperativePlan) -> None:
     kinds = [type(step) for step in steps_of(up, "A")]
     assert holding_steps(up) == range(kinds.index(TakeHold) + 1, kinds.index(PutDown) + 1)
     idle = [structs.replace(subplan, steps=(Idle(),) * len(kinds)) for subplan in up.subplans]
@@ -129,49 +247,37 @@ def test_robots_hold_from_gripping_to_putting_down(up: CooperativePlan) -> None:
 
 def test_carriers_wait_clear_of_the_doors_and_pass_them_in_time(world: MapWorld, up: CooperativePlan) -> None:
     steps = steps_of(up, "A")
-    called = next(number for number, step in enumerate(steps) if isinstance(step, CallCabin))
+    called, call = next((number, step) for number, step in enumerate(steps) if isinstance(step, CallCabin))
+    assert (call.party, call.size) == ("m to L2", 2)
     assert up.phases[called - 1 : called + 4] == (
         *("carrying", "waiting for the cabin", "driving in", "riding", "driving out"),
     )
     assert isinstance(steps[called + 2], Ride) and steps[called + 2].destination == "L2"
     shaft = shaft_polygon(world.building().elevators["E1"])
-    footprint = MoveTablePlanner(world, "box", GOAL)._carry.footprint()
-
-    def at(pose: tuple[float, float, float]) -> bool:
-        return bool(translate(rotate(footprint, pose[2], (0, 0), use_radians=True), *pose[:2]).intersects(shaft))
-
-    way_in, way_out = (steps[called + 1], steps[called + 3])
+    footprint = MoveTablePlanner(world, "box", GOAL).footprint
+    way_in, way_out = steps[called + 1], steps[called + 3]
     assert isinstance(way_in, Carry) and isinstance(way_out, Carry)
     for step in (way_in, way_out):
         trajectory = Trajectory.from_rows(step.rows)
         assert trajectory.duration <= BOARDING_LIMIT_S - DOOR_MARGIN_S
-        ends = trajectory.start, trajectory.goal
-        inside, outside = ends if step is way_out else ends[::-1]
-        assert at(inside) and not at(outside)
+        at_shaft = [placed(footprint, pose).intersects(shaft) for pose in (trajectory.start, trajectory.goal)]
+        assert at_shaft == [step is way_out, step is way_in]
 
 
-def test_elevators_that_are_too_small_are_named() -> None:
-    with pytest.raises(ImpossibleCarry, match="E1"):
-        MoveTablePlanner(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
+def test_doors_stay_open_for_as_long_as_the_party_needs_or_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    def planned() -> CooperativePlan:
+        return MoveTablePlanner(world, "box", Destination("L2", 3.0, 3.5)).plan("m", "A", ROBOTS)
 
-
-def test_doors_stay_open_for_as_long_as_the_party_needs() -> None:
-    plan = MoveTablePlanner(MapWorld(two_storeys(cabin_m=7.0)), "box", Destination("L2", 3.0, 3.5)).plan(
-        "m", "A", ROBOTS
-    )
-    steps = steps_of(plan, "A")
+    world = MapWorld(two_storeys(cabin_m=7.0))
+    steps = steps_of(planned(), "A")
     number, call = next((number, step) for number, step in enumerate(steps) if isinstance(step, CallCabin))
     through = [steps[number + 1], steps[number + 3]]
     durations = [Trajectory.from_rows(step.rows).duration for step in through if isinstance(step, Carry)]
     assert max(durations) > BOARDING_LIMIT_S - DOOR_MARGIN_S
     assert call.boarding_s == max(durations) + SUCCESSION_S
-
-
-def test_doors_that_close_too_early_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(move_table, "MAX_BOARDING_S", 15.0)
-    world = MapWorld(two_storeys(cabin_m=7.0))
     with pytest.raises(MissionFailed, match=r"the doors of E1 stay open for 15 s at most; driving in needs \d\d s"):
-        MoveTablePlanner(world, "box", Destination("L2", 3.0, 3.5)).plan("m", "A", ROBOTS)
+        planned()
 
 
 def standing(name: str, x: float, y: float, floor: str = "L1") -> StandingRobot:
@@ -220,11 +326,13 @@ def test_the_number_of_carriers_follows_from_the_weight(world: MapWorld) -> None
         MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", GOAL, carriers=2)
 
 
-def test_missing_objects_and_robots_are_named(world: MapWorld) -> None:
+def test_missing_objects_robots_and_room_are_named(world: MapWorld) -> None:
     with pytest.raises(MissionFailed, match="no object 'piano'"):
         MoveTablePlanner(world, "piano", GOAL)
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
         MoveTablePlanner(world, "box", GOAL).plan("m", "A", {"A": ROBOTS["A"]})
+    with pytest.raises(ImpossibleCarry, match="E1"):
+        MoveTablePlanner(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
 
 
 def test_what_is_at_its_goal_is_not_carried(world: MapWorld) -> None:

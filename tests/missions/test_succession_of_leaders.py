@@ -23,8 +23,9 @@ from robocorba.errors.simulation import UnknownMission
 from robocorba.missions.mission_control import LeaderWatch, MissionControl
 from robocorba.missions.recorder import MissionRecorder, claimed
 from robocorba.simulation.mission_directory import MissionDirectory
-from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, decoded
+from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult
 from robocorba.simulation.store import Mission, SimulationStore
+from tests.missions.places import WatchedDirectory
 
 ROBOTS = "ABC"
 ICON = {"icon": "move_table", "table": "desk"}
@@ -56,32 +57,6 @@ class Records:
 
     def put_mission(self, mission: Mission) -> int:
         return self._directory.put_mission(mission)
-
-
-class WatchedDirectory(MissionDirectory):
-    """note_change: called with the name of each mission that changes, and its records before and after."""
-
-    def __init__(
-        self,
-        store: SimulationStore,
-        clock: Callable[[], float],
-        note_change: Callable[[str, MissionContent, MissionContent], None],
-    ) -> None:
-        super().__init__(store, clock)
-        self._note_change = note_change
-
-    def put_mission(self, mission: Mission) -> int:
-        before = self._stored(mission.name)
-        version = super().put_mission(mission)
-        if before and (after := decoded(mission.document)):
-            self._note_change(mission.name, before, after)
-        return version
-
-    def _stored(self, name: str) -> MissionContent | None:
-        try:
-            return decoded(self.stored(name).document)
-        except UnknownMission:
-            return None
 
 
 class Succession(RuleBasedStateMachine):

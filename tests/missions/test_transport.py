@@ -1,88 +1,141 @@
-"""A robot's messages: the queue between the ORB's threads and the thread of the mission."""
+"""A robot's messages, and what it answers to those of leaders."""
 
 from __future__ import annotations
 
+import logging
 import threading
-from collections.abc import Callable, Sequence
+from types import SimpleNamespace
 from typing import Any
 
 import msgspec
+import numpy as np
+import pytest
 
+from robocorba.errors.robots import RobotLost
 from robocorba.errors.services import NotReachable
-from robocorba.missions.messages import Call, Offer, payload, sender_of, type_of
+from robocorba.map_editor.spatial.pose import Pose
+from robocorba.missions import mission_agent
+from robocorba.missions.messages import Answer, Assignment, Call, Offer, payload, sender_of, type_of
+from robocorba.missions.mission_agent import WARN_AFTER, MissionAgent
+from robocorba.missions.subplan import Idle, SubPlan
 from robocorba.missions.transport import MAX_QUEUED, Transport
+from robocorba.robot.kinematics.smartpal import JOINTS
+from tests.missions.places import Bus, BusEnd
 
 CALL = Call(mission="m", leader="A", floor="L1", x=1.0, y=2.0, helpers=2)
 
 
-class Channel:
-    """Keeps what is published."""
-
-    is_there = True
-    receive: Callable[[str, str, Any, str], None]
-
-    def __init__(self) -> None:
-        self.published: list[tuple[str, Any]] = []
-
-    def publish(self, type: str, payload: Any, retry_s: float) -> None:
-        if not self.is_there:
-            raise NotReachable("away")
-        self.published.append((type, payload))
-
-    def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[str, str, Any, str], None]) -> None:
-        self.receive = receive
+def subscribed() -> tuple[Bus, Transport]:
+    """B receives calls and offers."""
+    bus = Bus()
+    transport = Transport(BusEnd(bus, "B"), "B")
+    transport.subscribe([(Call, "*"), (Offer, "*")])
+    return bus, transport
 
 
-def subscribed() -> tuple[Channel, Transport]:
-    channel = Channel()
-    transport = Transport(channel, "B")
-    transport.subscribe([(Call, "*")])
-    return channel, transport
-
-
-def test_messages_arrive_in_their_order() -> None:
-    channel, transport = subscribed()
-    other = msgspec.structs.replace(CALL, leader="C")
-    for call in (CALL, other):
-        channel.receive(type_of(Call), call.leader, payload(call), "lab")
-    found = [transport.receive(1.0), transport.receive(1.0)]
-    assert [(one.source, one.origin, one.message) for one in found if one] == [("A", "lab", CALL), ("C", "lab", other)]
-    assert transport.receive(0.0) is None
-
-
-def test_invalid_messages_and_those_in_the_name_of_another_robot_are_dropped() -> None:
-    channel, transport = subscribed()
+def test_messages_arrive_in_their_order_but_for_invalid_ones_and_those_in_the_name_of_another_robot() -> None:
+    bus, transport = subscribed()
     offer = Offer(mission="m", leader="A", robot="B", floor="L1", x=1.0, y=2.0)
     assert (sender_of(CALL), sender_of(offer)) == ("A", "B")
     for message in (CALL, offer):
-        channel.receive(type_of(message), "C", payload(message), "lab")
-    channel.receive(type_of(Call), "A", {"mission": 7}, "lab")
+        bus.publish("C", type_of(message), payload(message))
+    bus.publish("A", type_of(Call), {"mission": 7})
+    other = msgspec.structs.replace(CALL, leader="C")
+    for call in (CALL, other):
+        bus.publish(call.leader, type_of(call), payload(call))
+    found = [transport.receive(1.0), transport.receive(1.0)]
+    assert [(one.source, one.origin, one.message) for one in found if one] == [("A", "bus", CALL), ("C", "bus", other)]
     assert transport.receive(0.0) is None
 
 
 def test_who_waits_without_a_timeout_can_be_woken() -> None:
     _, transport = subscribed()
-    got: list[object] = ["nothing yet"]
+    got: list[object] = []
     waiting = threading.Thread(target=lambda: got.append(transport.receive(None)), daemon=True)
     waiting.start()
     transport.wake()
     waiting.join(60.0)
-    assert got == ["nothing yet", None]
+    assert got == [None]
 
 
 def test_a_full_queue_drops_what_is_new_and_waking_does_not_fail() -> None:
-    channel, transport = subscribed()
+    bus, transport = subscribed()
     for _ in range(MAX_QUEUED + 1):
-        channel.receive(type_of(Call), "A", payload(CALL), "lab")
+        bus.publish("A", type_of(Call), payload(CALL))
     transport.wake()
     received = [transport.receive(0.0) for _ in range(MAX_QUEUED + 1)]
     assert received[-1] is None and None not in received[:-1]
 
 
 def test_publishing_tells_whether_the_channel_has_accepted_it() -> None:
-    channel, transport = subscribed()
+    bus, transport = subscribed()
+    published: list[Any] = []
+    bus.subscribe(0, "", [("*", "*")], lambda *event: published.append(event))
     assert transport.publish(CALL)
-    (type_, content), channel.is_there = channel.published[0], False
-    assert (type_, content["leader"]) == (type_of(Call), "A")
+    ((type_, source, content, _),) = published
+    assert (type_, source, content["leader"]) == (type_of(Call), "B", "A")
     assert content["sent"] > 0.0
+    bus.disconnected = {"B"}
     assert not transport.publish(CALL)
+
+
+class FreeAgent(SimpleNamespace):
+    """A control agent without a task, whose robot has this number of joints, or does not answer."""
+
+    is_free, is_busy, place = True, False, Pose("L1", 1.0, 2.0, 0.0)
+
+    @property
+    def joints(self) -> Any:
+        if self.has_joints is None:
+            raise RobotLost("it does not answer")
+        return np.zeros(self.has_joints)
+
+
+@pytest.mark.parametrize("joints", [0, 7, None])
+def test_one_without_arms_refuses(joints: int | None) -> None:
+    bus, agent = Bus(), FreeAgent(has_joints=joints)
+    leader = Transport(BusEnd(bus, "A"), "A")
+    leader.subscribe([(Offer, "*"), (Answer, "*")])
+    missions = MissionAgent(Transport(BusEnd(bus, "B"), "B"), agent, lambda thing: None).start()  # type: ignore[arg-type]
+    assignment = Assignment(mission="m.1", leader="A", phases=("one",), subplan=SubPlan("B", "helper", (Idle(),)))
+    answer = None
+    while answer is None:
+        leader.publish(CALL)
+        leader.publish(assignment)
+        answer = leader.receive(0.1)
+    missions.close()
+    assert isinstance(answer.message, Answer)
+    assert (answer.message.accepts, answer.message.reason) == (False, "does not have the joints of a SmartPal")
+    assert not any(isinstance(received.message, Offer) for received in leader.received)
+
+
+class Unreachable(BusEnd):
+    """A channel that is not there for its first calls."""
+
+    failures = 0
+
+    def subscribe(self, *arguments: Any) -> None:
+        if self.failures:
+            self.failures -= 1
+            raise NotReachable("EventChannels/hall is not reachable")
+        super().subscribe(*arguments)
+
+
+@pytest.mark.parametrize(("failures", "warnings"), [(WARN_AFTER - 1, 0), (WARN_AFTER, 1), (3 * WARN_AFTER, 1)])
+def test_a_channel_that_stays_away_is_logged_once_as_a_warning(
+    failures: int, warnings: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(mission_agent, "RETRY_S", 0.001)
+    bus = Bus()
+    leader, end = Transport(BusEnd(bus, "A"), "A"), Unreachable(bus, "B")
+    leader.subscribe([(Offer, "*")])
+    end.failures = failures
+    agent: Any = FreeAgent(has_joints=len(JOINTS))
+    missions = MissionAgent(Transport(end, "B"), agent, lambda thing: None).start()
+    try:
+        while not leader.receive(0.1):  # until it has subscribed at last
+            leader.publish(CALL)
+    finally:
+        missions.close()
+    logged = [each for each in caplog.records if each.levelno >= logging.WARNING and "event channel" in each.message]
+    assert len(logged) == warnings

@@ -29,6 +29,7 @@ from robocorba.system.supervision.output import ReadyLine
 from robocorba.system.supervision.process import ProcessSpec
 from robocorba.system.supervision.robots import MAX_ROBOTS, Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
+from tests.waits import until
 
 FLOORS = ["L1", "L2"]
 
@@ -74,14 +75,6 @@ def spec_of(script: str) -> Callable[[RobotOrder], ProcessSpec]:
         return ProcessSpec(order.process, (sys.executable, "-S", "-c", script), Path.cwd(), output.probe, output, 20.0)
 
     return spec
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async def poll() -> None:
-        while not condition():
-            await asyncio.sleep(0.01)
-
-    await asyncio.wait_for(poll(), 20.0)
 
 
 def with_robots(

@@ -28,11 +28,19 @@ from robocorba.system.supervision.warm_parent import ENVIRONMENT
 from testkit.json_process import checkout_command
 from testkit.nursery import ForkedProcess, Nursery
 from testkit.processes import ROBOCORBA, Launcher, command_line, eventually, is_running
+from tests.waits import until
 
 PROGRAM = "tests.supervision.forked_program"
 #: Whatever it runs on: a condition is waited for at most this long [s].
 LIMIT_S = 60.0
 ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def python_path() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("PYTHONPATH", str(ROOT))
+        yield
 
 
 class Place:
@@ -51,7 +59,7 @@ class Place:
         self._reading.append(asyncio.create_task(pipe.read(lines.put_nowait)))
         return child, lines
 
-    async def close(self) -> None:
+    async def aclose(self) -> None:
         for child in self._children:
             child.send_signal(signal.SIGKILL)
             await child.wait()
@@ -69,35 +77,19 @@ class Place:
 
     @property
     def warm_parent(self) -> psutil.Process:
-        (found,) = [
-            child for child in self.children() if "robocorba.system.supervision.warm_parent" in command_line(child)
-        ]
+        module = "robocorba.system.supervision.warm_parent"
+        (found,) = [child for child in self.children() if module in command_line(child)]
         return found
 
 
-def in_place(test: Callable[[Place], Awaitable[None]]) -> Callable[[Path, pytest.MonkeyPatch], None]:
+def in_place(test: Callable[[Place], Awaitable[None]]) -> Callable[[Path], None]:
     """A test that runs in an event loop."""
 
     async def run(folder: Path) -> None:
-        place = Place(folder)
-        try:
+        async with contextlib.aclosing(Place(folder)) as place:
             await test(place)
-        finally:
-            await place.close()
 
-    def run_in_loop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-        monkeypatch.setenv("PYTHONPATH", str(ROOT))
-        asyncio.run(run(tmp_path))
-
-    return run_in_loop
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    async def poll() -> None:
-        while not condition():
-            await asyncio.sleep(0.01)
-
-    await asyncio.wait_for(poll(), LIMIT_S)
+    return lambda tmp_path: asyncio.run(run(tmp_path))
 
 
 @in_place
@@ -138,7 +130,7 @@ async def test_forks_have_random_numbers_of_their_own_and_their_exit_codes(place
     # An end while a module is loaded leaves nothing.
     place.starter.prepare(ModuleRun("tests.supervision.forked_slowly"))
     await asyncio.sleep(0)
-    await place.close()
+    await place.aclose()
     assert place.children() == []
 
 
@@ -156,7 +148,7 @@ async def test_a_dead_warm_parent_comes_back_and_disturbs_nobody(place: Place) -
 
 
 @in_place
-async def test_many_forks_leave_nothing(place: Place) -> None:
+async def test_many_forks_and_a_start_that_is_cancelled_leave_nothing(place: Place) -> None:
     await place.look("ends")
     warm = place.warm_parent
 
@@ -168,20 +160,14 @@ async def test_many_forks_leave_nothing(place: Place) -> None:
     for _ in range(20):
         child, _ = await place.look("ends")
         await asyncio.wait_for(child.wait(), LIMIT_S)
-    await until(lambda: all(now <= then for now, then in zip(counts(), before, strict=True)))
-    assert place.children() == [warm]
-    assert warm.children() == []
-
-
-@in_place
-async def test_a_start_that_is_cancelled_leaves_no_process(place: Place) -> None:
-    await place.look("ends")
     started = asyncio.create_task(place.start("cancelled"))
     await asyncio.sleep(0)
     started.cancel()
     await asyncio.wait({started})
     await place.look("ends")  # after the cancelled one
-    await until(lambda: place.children() == [place.warm_parent])
+    await until(lambda: all(now <= then for now, then in zip(counts(), before, strict=True)))
+    await until(lambda: place.children() == [warm])
+    assert warm.children() == []
 
 
 SERVERS = ["map_editor", "simulation", "virtual_sensor", "event_channel"]
@@ -341,34 +327,24 @@ def _is_readable(descriptors: ChildDescriptors, descriptor: int) -> bool:
 
 @pytest.fixture(scope="module")
 def nursery() -> Iterator[Nursery]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(ROOT))
-        with Nursery() as nursery:
-            yield nursery
+    with Nursery() as nursery:
+        yield nursery
 
 
-@pytest.fixture
-def options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    monkeypatch.setenv("PYTHONPATH", str(ROOT))
-    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    return {"cwd": tmp_path, "env": {**os.environ, "ROBOCORBA_STATE": str(tmp_path / "no system")}, **pipes}
-
-
-@pytest.mark.parametrize("arguments", [("status",), ("status", "--nonsense"), ("path", "--help")])
-def test_forks_are_like_commands(
-    nursery: Nursery, tmp_path: Path, options: dict[str, Any], arguments: tuple[str, ...]
+@pytest.mark.parametrize("arguments", [("status", "--nonsense"), ("path", "--help")])
+def test_forks_are_like_commands_unless_their_environment_is_another(
+    nursery: Nursery, tmp_path: Path, arguments: tuple[str, ...]
 ) -> None:
-    forked = nursery.start((ROBOCORBA, *arguments), **options)
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    environment = {**os.environ, "ROBOCORBA_STATE": str(tmp_path / "no system")}
+    forked = nursery.start((ROBOCORBA, *arguments), cwd=tmp_path, env=environment, **pipes)
     assert isinstance(forked, ForkedProcess)
     with Launcher(tmp_path) as launch:  # which has no nursery here
         alone = launch(ROBOCORBA, *arguments, ROBOCORBA_STATE=str(tmp_path / "no system"))
         assert forked.communicate(timeout=LIMIT_S) == alone.communicate(timeout=LIMIT_S)
         assert forked.returncode == alone.returncode
-
-
-def test_what_is_not_forked(nursery: Nursery, options: dict[str, Any]) -> None:
     client = checkout_command("testkit.simulation_client", "127.0.0.1:2809")
     for command in ((sys.executable, "-c", ""), ("omniNames", "-start"), (ROBOCORBA, "--help"), client):
-        assert nursery.start(command, **options) is None
-    options["env"]["NUMBA_CACHE_DIR"] = "/elsewhere"
-    assert nursery.start((ROBOCORBA, "status"), **options) is None
+        assert nursery.start(command, cwd=tmp_path, env=environment, **pipes) is None
+    environment["NUMBA_CACHE_DIR"] = "/elsewhere"
+    assert nursery.start((ROBOCORBA, *arguments), cwd=tmp_path, env=environment, **pipes) is None

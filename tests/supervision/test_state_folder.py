@@ -42,12 +42,16 @@ def read(state: Path, role: Role = Role.OPERATOR, naming: str | None = None) -> 
 
 
 def test_each_role_has_a_file_that_only_this_user_reads_and_keys_last(tmp_path: Path) -> None:
+    assert read(tmp_path) == ADDRESS
     access = Access.create(tmp_path, ADDRESS)
     for role in Role:
         naming = RoleNaming.read(role_file(tmp_path, role))
         assert (naming.role, naming.key, str(naming)) == (role, access.key(role), str(ADDRESS))
         assert naming.setting == str(role_file(tmp_path, role))
         assert naming.key not in repr(naming)
+        assert read(tmp_path, role) == read(tmp_path, naming=str(role_file(tmp_path, role))) == access.naming(role)
+    assert read(tmp_path) == access.naming(Role.OPERATOR)
+    assert read(tmp_path, naming="127.0.0.1:2809") == ADDRESS
     assert {stat.S_IMODE(file.stat().st_mode) for file in (tmp_path / "access").iterdir()} == {0o600}
     assert len({access.key(role) for role in Role}) == len(Role)
     keys = Access.create(tmp_path, ADDRESS).keys
@@ -75,15 +79,6 @@ def test_a_robot_has_a_file_of_its_own_until_it_is_removed(tmp_path: Path) -> No
     for name in ("", "a/b", "x" * 201, "Ä" * 60):
         with pytest.raises(ServiceError):
             access.robot(name)
-
-
-def test_settings_take_a_file_or_that_of_the_state_folder(tmp_path: Path) -> None:
-    assert read(tmp_path) == ADDRESS
-    access = Access.create(tmp_path, ADDRESS)
-    assert read(tmp_path) == access.naming(Role.OPERATOR)
-    assert read(tmp_path, Role.ROBOT) == access.naming(Role.ROBOT)
-    assert read(tmp_path, naming=str(role_file(tmp_path, Role.OBSERVER))) == access.naming(Role.OBSERVER)
-    assert read(tmp_path, naming="127.0.0.1:2809") == ADDRESS
 
 
 def test_what_is_no_file_of_a_role_is_refused(tmp_path: Path) -> None:
@@ -132,40 +127,35 @@ def folder(tmp_path: Path) -> StateFolder:
     return StateFolder(tmp_path / "state")
 
 
-def test_damaged_ports_are_those_of_the_killed_system_else_chosen_again(folder: StateFolder) -> None:
+def test_damaged_files_are_set_aside_by_the_owner_of_the_folder_only(
+    folder: StateFolder, caplog: pytest.LogCaptureFixture
+) -> None:
+    ports, links, up = (folder.path / f"{name}.json" for name in ("ports", "links", "up"))
     with claimed_ports() as port, folder.locked():
         naming = Address("127.0.0.1", port)
         given = folder.ports(["a", "b"], naming)
-        content = damage(folder.path / "ports.json")
+        content = damage(ports)
         assert folder.ports(["a", "b"], naming) == given
         assert (folder.path / "ports.json.damaged").read_bytes() == content
         processes = (process(name, f"127.0.0.1:{given[other]}", "x") for name, other in (("a", "b"), ("b", "a")))
         folder.write_record(SystemRecord(str(naming), 1, 0.0, tuple(processes)))
-        damage(folder.path / "ports.json")
-        assert folder.ports(["a", "b"], naming) == {"a": given["b"], "b": given["a"]}
-
-
-def test_damaged_links_are_set_aside(folder: StateFolder, caplog: pytest.LogCaptureFixture) -> None:
-    with folder.locked():
+        damage(ports)
+        assert folder.ports(["a", "b"], naming) == {"a": given["b"], "b": given["a"]}  # of the killed system
         folder.write_links({"lab": ["hall"]})
         for path in (folder.path, *folder.path.iterdir()):
             assert path.stat().st_mode & 0o077 == 0, path
-        damage(folder.path / "links.json")
+        damage(links)
         assert folder.links() == {}
-    assert "links.json is damaged" in caplog.text and "links.json.damaged" in caplog.text
-
-
-def test_a_damaged_record_is_set_aside_by_its_owner_only(folder: StateFolder) -> None:
-    with folder.locked():
-        folder.write_record(record("simulation"))
-        damage(folder.path / "up.json")
+        damage(up)
         with pytest.raises(ServiceError, match="damaged"):
             folder.read_record()
         with pytest.raises(AlreadyRunning), folder.locked():
             pass
         folder.set_damaged_record_aside()
         assert folder.read_record() is None
-        assert (folder.path / "up.json.damaged").exists()
+    for path in (ports, links, up):
+        assert f"{path} is damaged" in caplog.text
+        assert path.with_name(f"{path.name}.damaged").exists()
 
 
 HEADER = b"port 2809\npersistent 7670036b0100337f\ncreate 4e616d6553657276696365\n"
@@ -205,20 +195,20 @@ def test_what_omninames_writes_is_left_alone_up_to_a_damage(data: Path, caplog: 
 
 def test_a_damaged_beginning_leads_to_the_earlier_state_else_to_none(data: Path) -> None:
     damaged, earlier = damage(data), data.with_suffix(".bak")
-    earlier.write_bytes(HEADER)
-    mend_naming_data(data.parent)
-    assert data.read_bytes() == HEADER
-    assert (data.parent / "omninames.dat.damaged").read_bytes() == damaged
-    assert not earlier.exists()
-    data.write_bytes(damaged)
-    mend_naming_data(data.parent)
-    assert not data.exists()
-    for former, is_used in ((HEADER, True), (b"damaged", False)):  # alone: omniNames would not start
-        data.unlink(missing_ok=True)
-        earlier.write_bytes(former)
+    for now, former, used in (
+        (damaged, HEADER, HEADER),
+        (damaged, None, None),
+        (None, HEADER, HEADER),  # alone: omniNames would not start
+        (None, b"damaged", None),
+    ):
+        for file, content in ((data, now), (earlier, former)):
+            file.unlink(missing_ok=True)
+            if content:
+                file.write_bytes(content)
         mend_naming_data(data.parent)
         assert not earlier.exists()
-        assert data.exists() == is_used
+        assert (data.read_bytes() if data.exists() else None) == used
+    assert (data.parent / "omninames.dat.damaged").read_bytes() == damaged
 
 
 def test_on_a_full_disk_nothing_is_lost(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
