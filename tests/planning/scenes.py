@@ -75,37 +75,22 @@ def tower(floors: int = 3, served: tuple[str, ...] | None = None) -> Building:
     names = [f"L{i + 1}" for i in range(floors)]
     building = Building("tower")
     for level, name in enumerate(names):
-        outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
-        building = building.with_element("", Floor(name=name, level=level, elevation=4.0 * level, outline=outline))
-        for element in (
-            node("west", 2.0, 3.0),
-            node("landing", 6.0, 3.0),
-            node("cabin", 8.5, 3.0, "E1"),
-            edge("west", "landing"),
-            edge("landing", "cabin"),
-        ):
-            if served is None or name in served or element.name not in ("cabin", "landing-cabin"):
-                building = building.with_element(name, element)
+        roads = [node("west", 2.0, 3.0), node("landing", 6.0, 3.0), edge("west", "landing")]
+        if served is None or name in served:
+            roads += [node("cabin", 8.5, 3.0, "E1"), edge("landing", "cabin")]
+        floor = room(10.0, 6.0, name=name, level=level).floors[name].floor
+        building = with_all(building, [("", floor), *((name, element) for element in roads)])
     doors = tuple(ElevatorDoor(floor=name, width=1.4) for name in (served or names))
     shaft = Elevator(name="E1", at=(8.5, 3.0), heading=-1.5707963267948966, size=(2.0, 2.0), doors=doors)
     return building.with_element("", shaft)
 
 
-def random_room(seed: int, things: int = 6) -> Building:
-    """A room of 12 x 9 m with boxes and walls anywhere in it."""
-    rng = np.random.default_rng(seed)
-    building = room(12.0, 9.0)
-    for i in range(things):
-        x, y, turn = rng.uniform(2, 10), rng.uniform(2, 7), rng.uniform(0, 3.14)
-        size = (float(rng.uniform(0.3, 1.8)), float(rng.uniform(0.3, 1.8)))
-        box = MapObject(name=f"box{i}", shape=BoxShape(size=size), at=(float(x), float(y)), heading=float(turn))
-        building = building.with_element("L1", box)
-    for i in range(things // 2):
-        ax, ay = rng.uniform(1, 11), rng.uniform(1, 8)
-        bx, by = np.clip(np.array([ax, ay]) + rng.uniform(-3, 3, 2), 0.5, [11.5, 8.5])
-        line = shapely.LineString([(ax, ay), (bx, by)])
-        if line.length > 0.2:
-            building = building.with_element("L1", wall(f"wall{i}", float(ax), float(ay), float(bx), float(by)))
+def random_room(seed: int, rounds: int = 1) -> Building:
+    """A room of 12 x 9 m with walls and objects anywhere in it, more with more rounds."""
+    rng, building = np.random.default_rng(seed), room(12.0, 9.0)
+    for i in range(rounds):
+        for element in [*_walls(building, 12.0, 9.0, rng), *_objects(12.0, 9.0, rng)]:
+            building = building.with_element("L1", msgspec.structs.replace(element, name=f"{element.name}.{i}"))
     return building
 
 
