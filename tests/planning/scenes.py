@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely import LineString, Point, Polygon, STRtree
 
-from robocorba.map_editor.geometry import bounds, free_space, obstacles, shaft_polygon
+from robocorba.map_editor.geometry import bounds, obstacles, shaft_polygon
 from robocorba.map_editor.model import (
     Area,
     BoxShape,
@@ -92,22 +92,6 @@ def random_room(seed: int, rounds: int = 1) -> Building:
         for element in [*_walls(building, 12.0, 9.0, rng), *_objects(12.0, 9.0, rng)]:
             building = building.with_element("L1", msgspec.structs.replace(element, name=f"{element.name}.{i}"))
     return building
-
-
-def random_places(building: Building, radius: float, count: int, seed: int) -> list[Place]:
-    """Free places all over a building."""
-    rng = np.random.default_rng(seed)
-    spaces = {floor: free_space(building, floor, radius) for floor in building.floors}
-    weights = np.array([space.area for space in spaces.values()])
-    names = list(spaces)
-    found: list[Place] = []
-    while len(found) < count:
-        floor = names[rng.choice(len(names), p=weights / weights.sum())]
-        x0, y0, x1, y1 = spaces[floor].bounds
-        points = rng.uniform((x0, y0), (x1, y1), (50, 2))
-        inside = shapely.contains_xy(spaces[floor], points)
-        found += [Place(floor, float(x), float(y)) for x, y in points[inside][:1]]
-    return found
 
 
 def two_halls() -> Building:

@@ -23,7 +23,8 @@ from robocorba.planning.triangulation import FRAME_CORNERS, Mesh, side
 from robocorba.planning.visible_region import make_scratch, seen_from
 from testkit.buildings import on_a_floor
 from testkit.fine_grid import FloorGeometry
-from tests.planning.scenes import random_places, random_room
+from testkit.generated_buildings import random_places
+from tests.planning.scenes import random_room
 from tests.planning.visibility import VisibilityGraph
 
 coordinate = st.floats(-30, 30).map(lambda value: round(value, 3))
