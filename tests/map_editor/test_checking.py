@@ -49,12 +49,6 @@ def reported(building: Building, radius_m: float = 0.40) -> tuple[str, ...]:
     return summaries(findings(building, radius_m))
 
 
-def closet(name: str, x: float, y: float) -> list[Wall]:
-    """Four walls, 2 m long, around x, y."""
-    corners = [(x - 1, y - 1), (x + 1, y - 1), (x + 1, y + 1), (x - 1, y + 1)]
-    return [wall(f"{name}{i}", *corners[i - 1], *corners[i]) for i in range(4)]
-
-
 @pytest.mark.parametrize("building", [*map(load_sample, SAMPLES), Building("empty"), grid(5, 4, floors=1, doors=2)])
 def test_there_is_nothing_to_say_of_buildings_in_order(building: Building) -> None:
     assert findings(building) == []
@@ -88,11 +82,11 @@ def test_nodes_without_an_edge_and_where_the_robot_does_not_fit() -> None:
 
 
 def test_nodes_that_are_walled_in() -> None:
-    shut_in = [*closet("w", 15, 5), node("d", 14.5, 5), node("e", 15.5, 5), edge("d", "e")]
+    shut_in = [*ROOM, node("d", 14.5, 7), node("e", 15.5, 7), edge("d", "e")]
     shut = "nodes of L1 that are walled in for a robot of radius 0.40 m (2): d, e"
-    assert reported(one_floor(*shut_in)) == (shut, "closed rooms of L1 (1): near 15, 5")
-    gap = msgspec.structs.replace(shut_in[0], a=(14.0, 4.8), b=(14.0, 6.0))
-    assert reported(one_floor(*shut_in, gap)) == (f"{APART}d with 1 more near 14.5, 5 (no edge joins them)",)
+    assert reported(one_floor(*shut_in)) == (shut, "closed rooms of L1 (1): near 15, 7")
+    gap = msgspec.structs.replace(shut_in[0], a=(13.8, 5.5))
+    assert reported(one_floor(*shut_in, gap)) == (f"{APART}d with 1 more near 14.5, 7 (no edge joins them)",)
     assert reported(one_floor(*shut_in, gap), 0.42)[0].startswith("nodes of L1 that are walled in for a robot")
 
 

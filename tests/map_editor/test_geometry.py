@@ -192,6 +192,7 @@ def test_obstacles_are_the_very_same_until_something_that_blocks_changes() -> No
     first = obstacles(building, "L1")
     assert obstacles(building.with_element("L1", PathNode(name="n", at=(1.0, 1.0))), "L1") is first
     assert obstacles(building.with_element("L2", WALL), "L1") is first
+    assert obstacles(building.with_element("L1", Area(name="room", polygon=ROOM)), "L1") is first
     moved = building.with_element("L1", Wall(name="w", a=(0.0, 1.0), b=(10.0, 1.0)))
     assert found(moved)["wall", "w"].bounds == (0.0, 1.0, 10.0, 1.0)
     unlifted = Building(building.name, building.floors)

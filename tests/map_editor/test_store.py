@@ -255,10 +255,9 @@ def test_the_picture_of_a_removed_floor_comes_back_with_an_undo_only_and_goes_wi
     editor.set_underlay("L3", PLAN)
     editor.remove(FLOOR, "", "L3", editor.version)
     count = "SELECT count(*) FROM underlays"
-    assert store._writer.execute(count).fetchone() == (1,)
-    for name in "abc":
+    for name, kept in (("a", 1), ("b", 1), ("c", 0)):
         editor.create("L1", wall(name))
-    assert store._writer.execute(count).fetchone() == (0,)
+        assert store._writer.execute(count).fetchone() == (kept,), name
 
 
 def test_all_pictures_are_bounded_and_each_follows_its_floor(

@@ -379,10 +379,27 @@ LED = PathEdge(name="in", a="west", b="lift1", one_way=True)
             {node_key("L2", "lift2"): None, edge_key("L2", "lift2-top"): None, node_key("L1", "lift1"): LIFT1},
             id="a floor that it serves no more loses its node",
         ),
+        pytest.param(
+            {LIFT: None},
+            dict.fromkeys(
+                [node_key("L1", "lift1"), node_key("L2", "lift2"), edge_key("L1", "in"), edge_key("L2", "lift2-top")]
+            ),
+            id="nodes in the cabin and their edges go with an elevator",
+        ),
+        pytest.param(
+            {ElementKey(ElementKind.FLOOR, "", "L2"): None},
+            {
+                ElementKey(ElementKind.ELEVATOR, "", "E3"): None,
+                LIFT: msgspec.structs.replace(E1, doors=E1.doors[:1]),
+                node_key("L1", "lift1"): LIFT1,
+            },
+            id="elevators serve a floor no more that is removed, and go with their last one",
+        ),
     ],
 )
 def test_what_follows_from_a_change(wanted: Outcome, consequences: Outcome) -> None:
-    building = two_floors().with_element("L1", PathNode("cabin-E2", (1.0, 1.0)))
+    only_upstairs = Elevator("E3", (8.0, 8.0), (2.0, 2.0), (ElevatorDoor("L2"),))
+    building = with_all(two_floors(), [("L1", PathNode("cabin-E2", (1.0, 1.0))), ("", only_upstairs)])
     outcome = with_consequences(building, wanted)
     assert outcome == {**wanted, **consequences}
     assert problems(building.with_changes((*key, element) for key, element in outcome.items())) == []
@@ -395,37 +412,3 @@ def test_the_nodes_in_a_cabin_follow_their_elevator() -> None:
     outcome = with_consequences(aside, {LIFT: lift})
     moved = outcome[node_key("L1", "lift1")], outcome[node_key("L2", "lift2")]
     assert [each.at for each in moved if isinstance(each, PathNode)] == [(16.0, 3.0), pytest.approx((16.0, 3.5))]
-
-
-L2, L3 = (ElementKey(ElementKind.FLOOR, "", name) for name in ("L2", "L3"))
-E3 = ElementKey(ElementKind.ELEVATOR, "", "E3")
-
-
-@pytest.mark.parametrize(
-    ("removed", "served", "gone"),
-    [
-        (
-            [node_key("L1", "east")],
-            ("L1", "L2"),
-            [node_key("L1", "east"), edge_key("L1", "west-east"), edge_key("L1", "in")],
-        ),
-        (
-            [LIFT],
-            (),
-            [LIFT, node_key("L1", "lift1"), node_key("L2", "lift2"), edge_key("L1", "in"), edge_key("L2", "lift2-top")],
-        ),
-        ([L2], ("L1",), [L2, E3]),
-        ([L2, L3], ("L1",), [L2, L3, E3]),
-    ],
-)
-def test_what_is_removed_takes_along_what_refers_to_it(
-    removed: list[ElementKey], served: tuple[str, ...], gone: list[ElementKey]
-) -> None:
-    building = two_floors().with_element("", Floor("L3", 3, 8.0))
-    building = building.with_element("", Elevator("E3", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L2"),)))
-    outcome = with_consequences(building, dict.fromkeys(removed))
-    assert {key for key, after in outcome.items() if after is None} == set(gone)
-    after = building.with_changes((*key, element) for key, element in outcome.items())
-    assert problems(after) == [] or "E3" in after.elevators
-    lift = after.elevators.get("E1")
-    assert (lift.floors() if lift else ()) == served
