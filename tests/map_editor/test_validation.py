@@ -412,3 +412,5 @@ def test_the_nodes_in_a_cabin_follow_their_elevator() -> None:
     outcome = with_consequences(aside, {LIFT: lift})
     moved = outcome[node_key("L1", "lift1")], outcome[node_key("L2", "lift2")]
     assert [each.at for each in moved if isinstance(each, PathNode)] == [(16.0, 3.0), pytest.approx((16.0, 3.5))]
+    without = aside.without(ElementKind.EDGE, "L1", "in").without(ElementKind.NODE, "L1", "lift1")
+    assert node_key("L1", "cabin-E1") not in with_consequences(without, {LIFT: lift})
