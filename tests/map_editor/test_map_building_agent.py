@@ -209,7 +209,9 @@ def test_threads_lose_no_edit_and_see_no_half_of_one(editor: BuildingEditor) -> 
     assert len(editor.building.floors[L1].geometrical.walls) == 151
 
 
-def test_a_rename_is_followed_by_all_that_refers_to_the_element(editor: BuildingEditor, building: Building) -> None:
+def test_a_rename_is_followed_by_all_that_refers_to_it(
+    editor: BuildingEditor, building: Building, store: MapStore
+) -> None:
     assert editor.rename(NODE, L1, "east", "east", 1) == 1  # no edit
     assert editor.rename(NODE, L1, "east", "hall", 1) == 2
     topology = editor.building.floors[L1].topological
@@ -225,7 +227,7 @@ def test_a_rename_is_followed_by_all_that_refers_to_the_element(editor: Building
     assert after.floors["lobby"].topological == building.floors[L1].topological
     assert after.elevators["E1"].floors() == ("lobby", "L2")
     assert editor.read(WALL, "lobby", "w")[1] == 4
-    assert editor._store.load().building == after
+    assert store.load().building == after
     editor.rename(ELEVATOR, "", "E1", "lift", 4)
     for floor, node in (("lobby", "lift1"), ("L2", "lift2")):
         assert editor.building.floors[floor].topological.nodes[node].elevator == "lift"

@@ -85,12 +85,21 @@ def tower(floors: int = 3, served: tuple[str, ...] | None = None) -> Building:
     return building.with_element("", shaft)
 
 
-def random_room(seed: int, rounds: int = 1) -> Building:
-    """A room of 12 x 9 m with walls and objects anywhere in it, more with more rounds."""
-    rng, building = np.random.default_rng(seed), room(12.0, 9.0)
-    for i in range(rounds):
-        for element in [*_walls(building, 12.0, 9.0, rng), *_objects(12.0, 9.0, rng)]:
-            building = building.with_element("L1", msgspec.structs.replace(element, name=f"{element.name}.{i}"))
+def random_room(seed: int, things: int = 6) -> Building:
+    """A room of 12 x 9 m with boxes and walls anywhere in it."""
+    rng = np.random.default_rng(seed)
+    building = room(12.0, 9.0)
+    for i in range(things):
+        x, y, turn = rng.uniform(2, 10), rng.uniform(2, 7), rng.uniform(0, 3.14)
+        size = (float(rng.uniform(0.3, 1.8)), float(rng.uniform(0.3, 1.8)))
+        box = MapObject(name=f"box{i}", shape=BoxShape(size=size), at=(float(x), float(y)), heading=float(turn))
+        building = building.with_element("L1", box)
+    for i in range(things // 2):
+        ax, ay = rng.uniform(1, 11), rng.uniform(1, 8)
+        bx, by = np.clip(np.array([ax, ay]) + rng.uniform(-3, 3, 2), 0.5, [11.5, 8.5])
+        line = shapely.LineString([(ax, ay), (bx, by)])
+        if line.length > 0.2:
+            building = building.with_element("L1", wall(f"wall{i}", float(ax), float(ay), float(bx), float(by)))
     return building
 
 

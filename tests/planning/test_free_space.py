@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 
@@ -13,6 +14,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from shapely import LineString
 
+from robocorba.errors.paths import PlanningTimeout
 from robocorba.map_editor.changes import key_of
 from robocorba.map_editor.model import Element, MapObject
 from robocorba.map_editor.spatial.grids import build_grid
@@ -20,6 +22,7 @@ from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.space import FloorSpace, line_clearance, line_free
 from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.triangulation import FRAME_CORNERS, Mesh, side
+from robocorba.planning.turns import Turn
 from robocorba.planning.visible_region import make_scratch, seen_from
 from testkit.buildings import on_a_floor
 from testkit.fine_grid import FloorGeometry
@@ -162,7 +165,7 @@ ARC_SIDES, ERROR_M = 96, 1e-4
 
 @pytest.mark.parametrize(("seed", "radius"), [(0, 0.4), (1, 0.4), (2, 0.25), (3, 0.1), (4, 0.3), (5, 0.4)])
 def test_no_drive_is_shorter(seed: int, radius: float) -> None:
-    building = random_room(seed)
+    building = random_room(seed, 4)
     graph, exact = TangentGraph(FloorSpace(building, "L1"), radius), VisibilityGraph(building, radius, ARC_SIDES)
     places = random_places(building, radius, 16, seed)
     for start, goal in zip(places[::2], places[1::2], strict=True):
@@ -180,7 +183,7 @@ def test_no_drive_is_shorter(seed: int, radius: float) -> None:
 
 
 def test_several_targets_get_what_each_gets_alone() -> None:
-    building = random_room(5, 2)
+    building = random_room(5, 8)
     graph = TangentGraph(FloorSpace(building, "L1"), 0.3)
     origin, *targets = (place[1:] for place in random_places(building, 0.3, 25, 2))
     together = graph.legs(origin, targets)
@@ -189,8 +192,15 @@ def test_several_targets_get_what_each_gets_alone() -> None:
     assert sorted(leg.length for leg in graph.legs(origin, targets, enough=3))[:3] == pytest.approx(nearest)
 
 
+def test_a_search_ends_at_its_deadline() -> None:
+    graph = TangentGraph(FloorSpace(random_room(1, 8), "L1"), 0.4)
+    with graph._lock, pytest.raises(PlanningTimeout):  # another search is under way
+        graph.legs((1.0, 1.0), [(11.0, 8.0)], turn=Turn(time.monotonic() + 0.05))
+    assert len(graph.legs((1.0, 1.0), [(11.0, 8.0)])[0].points)
+
+
 def test_threads_share_a_graph() -> None:
-    building = random_room(2, 2)
+    building = random_room(2, 8)
     space = FloorSpace(building, "L1")
     graph, alone = TangentGraph(space, 0.3), TangentGraph(space, 0.3)
     trips = list(pairwise(place[1:] for place in random_places(building, 0.3, 40, 4)))

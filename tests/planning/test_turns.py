@@ -146,6 +146,6 @@ def test_a_search_pauses_and_a_turn_ends_at_its_deadline() -> None:
         def pause(self, floor: str) -> None:
             paused.append(floor)
 
-    graph = TangentGraph(FloorSpace(random_room(1, 2), "L1"), 0.4)
+    graph = TangentGraph(FloorSpace(random_room(1, 8), "L1"), 0.4)
     graph.legs((1.0, 1.0), [(11.0, 8.0)], turn=Noted())
     assert paused and set(paused) == {"L1"}
