@@ -7,7 +7,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -16,7 +15,6 @@ from robocorba.errors.files import OutputError
 from robocorba.map_editor import native
 from robocorba.system.output_files import check_output, write_outputs
 from testkit.buildings import two_floors
-from tests.map_editor.formats.ros_files import WHITE, write_ros
 from tests.simulation.places import recorded_drive
 
 #: A command, the option that is refused, and what it is for.
@@ -61,16 +59,6 @@ def test_an_option_without_effect_is_refused(typed: str, option: str, purpose: s
     assert f"Invalid value for '{option}'" in result.output
     assert f"it has no effect, it is for {purpose}" in result.output
     assert {path.name for path in Path().iterdir()} == {"two.yaml"}
-
-
-def test_options_that_have_an_effect_are_accepted() -> None:
-    write_ros(Path(), np.full((20, 20), WHITE), "ros")
-    for typed in (
-        "map import ros.yaml new.yaml --unknown free --specks all --topology --radius 0.3",
-        "map export two.yaml new.yaml -f ros --resolution 0.1 --image png",
-    ):
-        result = CliRunner().invoke(command(), typed.split())
-        assert result.exit_code == 0, result.output
 
 
 @pytest.mark.parametrize(

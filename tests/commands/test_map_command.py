@@ -26,7 +26,6 @@ from robocorba.map_editor.model import (
     Floor,
     PathEdge,
     PathNode,
-    TopologicalMap,
 )
 from robocorba.map_editor.samples import SAMPLES
 from testkit.buildings import two_floors
@@ -59,18 +58,14 @@ def refusal(*arguments: str) -> str:
     return line
 
 
-@pytest.mark.parametrize("sample", SAMPLES)
-def test_samples_are_valid(sample: str) -> None:
-    (line,) = lines(robocorba_map("check", sample))
-    assert line.startswith(f"{sample} is valid: ")
-
-
 def test_check_prints_a_summary_notes_and_warnings() -> None:
     there_and_back = two_floors().with_element("L1", PathEdge(name="out", a="lift1", b="east"))
     native.save(there_and_back, "sound.yaml")
-    assert lines(robocorba_map("check", "sound.yaml")) == [
-        "sound.yaml is valid: 2 floors, 1 walls, 5 nodes, 4 edges, 1 elevators"
-    ]
+    summary = "sound.yaml is valid: 2 floors, 1 walls, 5 nodes, 4 edges, 1 elevators"
+    assert lines(robocorba_map("check", "sound.yaml")) == [summary]
+    for sample in SAMPLES:
+        (line,) = lines(robocorba_map("check", sample))
+        assert line.startswith(f"{sample} is valid: ")
     odd = there_and_back.with_element("", Floor(name="roof", level=3, elevation=8.0))
     doors = (ElevatorDoor(floor="roof"),)
     native.save(odd.with_element("", Elevator(name="E2", at=(30.0, 0.0), size=(2.0, 2.0), doors=doors)), "odd.yaml")
@@ -95,13 +90,9 @@ def test_check_warns_of_blocked_edges_and_unreachable_nodes() -> None:
     ]
     assert lines(robocorba_map("import", "locked.yaml", "out.yaml"))[0] == blocked
     assert native.load("out.yaml") == native.load("locked.yaml")
-    assert lines(robocorba_map("check", "two.yaml", "--radius", "0.7"))[-2:] == [
-        "warning: elevators that a robot of radius 0.70 m can't enter (1): "
-        "E1 (its widest door is 1.20 m wide, 1.40 m needed)",
-        "two.yaml is valid, 4 warnings: 2 floors, 1 walls, 5 nodes, 3 edges, 1 elevators",
-    ]
-    assert robocorba_map("check", "two.yaml", "--radius", "-1").exit_code == 2
-    assert robocorba_map("check", "two.yaml", "--radius", "nan").exit_code == 2
+    assert lines(robocorba_map("check", "two.yaml", "--radius", "0.7"))[-1].startswith("two.yaml is valid, 4 warnings")
+    for radius in ("-1", "nan"):
+        assert robocorba_map("check", "two.yaml", "--radius", radius).exit_code == 2
 
 
 def test_wrong_files_are_named() -> None:
@@ -112,14 +103,8 @@ def test_wrong_files_are_named() -> None:
             f"robocorba map {name}: wrong.yaml:8: floors[0].walls[0]: wall 'w' on L1: it has no length"
         )
         assert not Path("out").exists()
-    for content, reason in (
-        (b"", "file.yaml:1: empty file"),
-        (b"\x89PNG\r\n\x1a\n\0", "file.yaml:1: not UTF-8 text"),
-        (b"a: &a [x]\nb: [*a, *a]\n", "file.yaml:2: b[0]: aliases are not accepted"),
-        (b"a: 1\n", "file.yaml:1: neither a RoboCorba map"),
-    ):
-        Path("file.yaml").write_bytes(content)
-        assert refusal("check", "file.yaml").startswith(f"robocorba map check: {reason}")
+    Path("file.yaml").write_text("a: 1\n")
+    assert refusal("check", "file.yaml").startswith("robocorba map check: file.yaml:1: neither a RoboCorba map")
     assert refusal("check", "nowhere.yaml") == "robocorba map check: nowhere.yaml: No such file or directory"
 
 
@@ -136,10 +121,6 @@ def test_imports_are_native_maps_of_one_or_several_floors() -> None:
     Path("list.yaml").write_text("ros_maps: 1\nname: two\nfloors:\n" + "\n".join(listed))
     *_, last = lines(robocorba_map("import", "list.yaml", "joined.yaml"))
     assert last.startswith("wrote joined.yaml: 2 floors, ")
-    Path("list.yaml").write_text(Path("list.yaml").read_text().replace("out-L2", "out-L3"))
-    assert refusal("import", "list.yaml", "joined.yaml") == (
-        "robocorba map import: list.yaml:5: floors[1].map: there is no file of that name"
-    )
 
 
 def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
@@ -157,28 +138,16 @@ def test_import_takes_what_unknown_cells_and_specks_of_ros_maps_are() -> None:
     assert len(native.load("out.yaml").floors["map"].geometrical.objects) == 1
 
 
-def test_import_generates_missing_topological_maps() -> None:
-    bare = two_floors()
-    for kind in (ElementKind.EDGE, ElementKind.NODE):
-        for name in bare.elements(kind, "L1"):
-            bare = bare.without(kind, "L1", name)
-    native.save(bare, "bare.yaml")
-    lines(robocorba_map("import", "bare.yaml", "as-it-is.yaml"))
-    assert native.load("as-it-is.yaml").floors["L1"].topological == TopologicalMap()
-    lines(robocorba_map("import", "bare.yaml", "drawn.yaml", "--topology", "--radius", "0.45"))
-    drawn = native.load("drawn.yaml")
-    assert len(drawn.floors["L1"].topological.nodes) > 2 and drawn.floors["L1"].topological.edges
-    assert drawn.floors["L2"] == bare.floors["L2"]
-    assert refusal("import", "bare.yaml", "x.yaml", "--topology", "--radius", "40").endswith(
-        "no free space for a robot of radius 40 m"
-    )
-
-
-def test_import_generates_edges_between_given_nodes() -> None:
+def test_import_generates_topological_maps_and_edges_between_given_nodes() -> None:
     bare = two_floors().with_element("L1", PathNode(name="in corner", at=(0.2, 0.2)))
     for name in bare.floors["L1"].topological.edges:
         bare = bare.without(ElementKind.EDGE, "L1", name)
     native.save(bare, "bare.yaml")
+    lines(robocorba_map("import", "bare.yaml", "as-it-is.yaml"))
+    assert native.load("as-it-is.yaml") == bare
+    assert refusal("import", "bare.yaml", "x.yaml", "--topology", "--radius", "40").endswith(
+        "no free space for a robot of radius 40 m"
+    )
     assert lines(robocorba_map("check", "bare.yaml"))[0] == (
         "note: floor 'L1' has no edges; `robocorba map import --topology` generates them"
     )
@@ -199,33 +168,12 @@ def test_import_generates_edges_between_given_nodes() -> None:
     assert native.load("same.yaml") == two_floors()
 
 
-@pytest.mark.parametrize("format", ["native", "openrmf", "ros"])
-def test_what_is_exported_can_be_imported(format: str) -> None:
-    one = two_floors()
-    for kind, floor, name in (
-        (ElementKind.ELEVATOR, "", "E1"),
-        (ElementKind.EDGE, "L1", "in"),
-        (ElementKind.NODE, "L1", "lift1"),
-        (ElementKind.FLOOR, "", "L2"),
-    ):
-        one = one.without(kind, floor, name)
-    native.save(one, "one.yaml")
-    printed = lines(robocorba_map("export", "one.yaml", "out.yaml", "--format", format))
-    losses = [line for line in printed if line.startswith("export: ")]
-    files = ["out.yaml", "out.pgm"] if format == "ros" else ["out.yaml"]
-    assert printed == [*losses, *(f"wrote {file}" for file in files)]
-    assert bool(losses) == (format != "native")
-    again = read_map("out.yaml")
-    assert again.format == format
-    if format == "native":
-        assert again.building == one
-    else:
-        assert len(again.building.floors) == 1
-
-
 def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
     ros = ("export", "two.yaml", "out.yaml", "-f", "ros", "--image", "png", "--resolution", "0.1")
     printed = lines(robocorba_map(*ros)) + lines(robocorba_map("export", "two.yaml", "out.geojson", "-f", "nav2"))
+    assert "export: doors became gaps in the walls: L1 d" in printed
+    assert lines(robocorba_map("export", "two.yaml", "same.yaml", "-f", "native")) == ["wrote same.yaml"]
+    assert native.load("same.yaml") == two_floors()
     files = [line.removeprefix("wrote ") for line in printed if line.startswith("wrote ")]
     assert files == [
         *("out-L1.yaml", "out-L1.png", "out-L2.yaml", "out-L2.png"),

@@ -140,15 +140,7 @@ def test_in_a_terminal_it_is_tables(monkeypatch: pytest.MonkeyPatch, capsys: pyt
         monkeypatch.setenv(name, value)
     event_stats.show({"lab": state(), "hall": "does not answer"})
     shown = capsys.readouterr().out
-    for word in (
-        "unconfirmed",
-        "[/]",
-        "stalled (3 failures)",
-        "from hall",
-        "12.5 ms",
-        "to hall: away",
-        "does not answer",
-    ):
+    for word in ("unconfirmed", "[/]", "stalled (3 failures)", "from hall", "to hall: away", "does not answer"):
         assert word in shown, shown
 
 

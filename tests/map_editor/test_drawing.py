@@ -62,16 +62,12 @@ def test_everything_is_drawn_where_it_is(width: int) -> None:
     picture = draw_floor(building, "L1", width_px=width)
     assert (picture.width, picture.mode) == (width, "RGB")
     assert 0.75 * width < picture.height < 0.95 * width + 80
-    assert near(picture, building, 3.0, 4.0, drawing.WALL)
-    assert near(picture, building, 0.0, 2.0, drawing.WALL)
-    assert near(picture, building, 2.4, 1.6, drawing.FIXED)
-    assert near(picture, building, 4.4, 1.6, drawing.MOVABLE)
-    assert near(picture, building, 7.4, 7.0, drawing.FIXED)
-    assert near(picture, building, 8.2, 4.0, drawing.LOCKED)
-    assert near(picture, building, 7.8, 0.8, drawing.CABIN)
-    assert near(picture, building, 8.3, 0.5, drawing.DOOR)
-    assert near(picture, building, 3.0, 6.0, drawing.ONE_WAY)
-    assert near(picture, building, 9.0, 6.0, drawing.NODE)
+    for x, y, colour in (
+        *((3.0, 4.0, drawing.WALL), (0.0, 2.0, drawing.WALL), (2.4, 1.6, drawing.FIXED), (4.4, 1.6, drawing.MOVABLE)),
+        *((7.4, 7.0, drawing.FIXED), (8.2, 4.0, drawing.LOCKED), (7.8, 0.8, drawing.CABIN), (8.3, 0.5, drawing.DOOR)),
+        *((3.0, 6.0, drawing.ONE_WAY), (9.0, 6.0, drawing.NODE)),
+    ):
+        assert near(picture, building, x, y, colour), (x, y, colour)
     assert not near(picture, building, 5.8, 4.0, drawing.WALL, reach=1), "a door cuts its wall"
 
 

@@ -90,12 +90,6 @@ def test_defaults_and_names_of_edges() -> None:
     assert building.elevators["E"].speed == 1.0
 
 
-@settings(deadline=None, max_examples=60)
-@given(buildings())
-def test_round_trip(building: Building) -> None:
-    assert native.loads(native.dumps(building)) == building
-
-
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(min_size=1, max_size=20).filter(str.isprintable)
 
@@ -117,10 +111,9 @@ def test_round_trip_of_any_name_and_number(name: str, other: str, at: tuple[floa
 
 def test_save_and_load(tmp_path: Path, building: Building) -> None:
     file = tmp_path / "house.yaml"
-    native.save(building, file)
-    assert native.load(file) == building
-    native.save(grid(3, 2), file)
-    assert native.load(file) == grid(3, 2)
+    for each in (building, grid(3, 2)):
+        native.save(each, file)
+        assert native.load(file) == each
     assert [path.name for path in tmp_path.iterdir()] == ["house.yaml"]
     with pytest.raises(OutputError, match="No such file or directory"):
         native.save(building, tmp_path / "no" / "house.yaml")
@@ -134,7 +127,6 @@ def test_save_and_load(tmp_path: Path, building: Building) -> None:
     ("old", "new", "line", "key", "reason"),
     [
         ("robocorba: 1", "robocorba: 2", 1, "robocorba", "this release reads format version 1, not 2"),
-        ("robocorba: 1", "robocorba: true", 1, "robocorba", "not True"),
         ("robocorba: 1\n", "", 1, "", "the key `robocorba: 1` is missing"),
         ("name: house", "name: ''", 2, "name", "the name is empty"),
         ("name: house", "name: 12", 2, "name", "Expected `str`, got `int`"),
@@ -143,7 +135,6 @@ def test_save_and_load(tmp_path: Path, building: Building) -> None:
         ("name: house", "name: house\n? [a]\n: b", 3, "", "a key must be a plain word"),
         ("name: house", "name: house\n1: b", 1, "", "a key is wrong: Expected `str`"),
         ("name: L2", "name: L1", 17, "floors[1].name", "there is a floor 'L1' already"),
-        ("level: 2", "level: two", 18, "floors[1].level", "Expected `int`, got `str`"),
         ("level: 2", "level: 1", 17, "floors[1]", "level 1 is that of floor 'L1'"),
         ("elevation: 4", "elevation: 1.0e+308", 17, "floors[1]", "elevation must be"),
         ("name: w2", "name: w1", 9, "floors[0].walls[1]", "the name 'w1' is used twice"),
@@ -155,15 +146,12 @@ def test_save_and_load(tmp_path: Path, building: Building) -> None:
             "floors[0].walls[1].to[1]",
             "'-nan' is a text in YAML and no number; write a",
         ),
-        ("to: [4, 4]", "to: [4, x]", 9, "floors[0].walls[1].to[1]", "Expected `float`, got `str`"),
         ("at: [3, 1]", "at: [1.5, 3]", 13, "floors[0].nodes[1]", "it stands on the shaft of elevator 'E'"),
         ("{from: a, to: b}", "{from: a, to: c}", 16, "floors[0].edges[0]", "edge 'a-c' on L1: node 'c' does not exist"),
-        ("{from: a, to: b}", "{from: a}", 16, "floors[0].edges[0]", "missing required field `to`"),
         ("width: 0.8", "side: up", 25, "elevators[0].doors[0].side", "Invalid enum value 'up'"),
         ("name: w2", "name: &n w2, height: *n", 9, "floors[0].walls[1].height", "aliases are not accepted"),
         ("name: w2", "name: !!python/object:os.system w2", 9, "floors[0].walls[1].name", "'w2' is not a value"),
         ("name: w2", "name: [w2", 9, "", "did not find expected"),
-        ("name: w2", "name: w\x01", 9, "", "control characters are not allowed"),
         ("elevators:", "---\nelevators:", 21, "", "only one document"),
     ],
 )
@@ -174,19 +162,6 @@ def test_errors_name_line_and_key(old: str, new: str, line: int, key: str, reaso
     assert reason in found.reason
 
 
-def test_keys_with_points_and_brackets_are_found() -> None:
-    file = parse_yaml(b"levels:\n  L:\n    x: 1\n  L.1:\n    x:\n    - 2\n    - {y: 3}\n  'a[0]': 4\n", "f")
-    assert [file.line(f"$.levels.{key}") for key in ("L.x", "L.1.x", "L.1.x[1].y", "a[0]", "none", "L.1.x[7]")] == [
-        3,
-        6,
-        7,
-        8,
-        2,
-        6,
-    ]
-    assert file.line("$") == file.line("$[...].x") == 1
-
-
 @pytest.mark.parametrize(
     ("raw", "line", "reason"),
     [
@@ -195,18 +170,14 @@ def test_keys_with_points_and_brackets_are_found() -> None:
         (b"a: 1\nb: \xff", 2, "not UTF-8 text"),
         (b"a: 1\nb: \0", 2, "control characters are not allowed"),
         (b"[" * 1_000_000, 1, "nested deeper than 40"),
-        (b"{" * 900, 1, "a key must be a plain word"),
         (b"{" * 1_000_000, 1, ""),  # either this reason or the depth: libyaml 0.2.6 scans ahead and counts levels
         (b"? " * 1_000_000, 1, "a key must be a plain word"),
-        (b"a: &a [x, x]\nb: &b [*a, *a]\nc: [*b, *b]", 2, "aliases are not accepted"),
         (b"robocorba: 1\nname: h\nfloors: []\n" + b"k" * 1_000_000 + b": 1", 4, ""),
         (b"robocorba: " + b"1" * 1_000_000, 1, "this release reads format version 1, not"),
         (b"robocorba: 1\nname: " + b"x" * 1_000_000 + b"\nfloors: []", 2, "the name has 1000000 characters"),
-        (b"robocorba: 1\nname: x\nfloors: 3", 3, "Expected `array`"),
         (b"robocorba: 1\nname: x\nfloors:", 3, "Expected `array`, got `null`"),
         (b'robocorba: 1\nname: "\\ud800"\nfloors: []', 2, ""),
         (b"robocorba: 1\nname: x\nfloors: []\n.nan: 1", 1, "Expected `str`"),
-        (b"robocorba: 1\nname: x\nfloors: []\n? {a: 1}\n: 1", 4, "a key must be a plain word"),
     ],
 )
 def test_hostile_text(raw: bytes, line: int, reason: str) -> None:
@@ -222,6 +193,13 @@ def test_size_and_number_of_values_are_bounded() -> None:
         parse_yaml(b"#" * 10_001, "large", YamlLimits(size_bytes=10_000))
     with pytest.raises(MapFileError, match="larger than 64 KiB"):
         read_yaml("/dev/zero", YamlLimits(size_bytes=64 * 1024))
+
+
+def test_keys_with_points_and_brackets_are_found() -> None:
+    file = parse_yaml(b"levels:\n  L:\n    x: 1\n  L.1:\n    x:\n    - 2\n    - {y: 3}\n  'a[0]': 4\n", "f")
+    lines = {"L.x": 3, "L.1.x": 6, "L.1.x[1].y": 7, "a[0]": 8, "none": 2, "L.1.x[7]": 6}
+    assert {key: file.line(f"$.levels.{key}") for key in lines} == lines
+    assert file.line("$") == file.line("$[...].x") == 1
 
 
 @settings(deadline=None, max_examples=200)
@@ -276,16 +254,15 @@ def test_five_floors_is_what_it_says() -> None:
             assert geometry.shaft_polygon(building.elevators[name]).contains(place)
     edges = [edge for entry in building.floors.values() for edge in entry.topological.edges.values()]
     assert any(edge.one_way for edge in edges) and any(edge.speed_limit for edge in edges)
+    for unknown in ("", "../five-floors", "five-floors.yaml"):
+        with pytest.raises(MapFileError, match="five-floors, paper-scene"):
+            sample_path(unknown)
 
 
-@pytest.mark.parametrize("name", ["", "six-floors", "../five-floors", "five-floors.yaml"])
-def test_an_unknown_sample_names_those_there_are(name: str) -> None:
-    with pytest.raises(MapFileError, match="five-floors, paper-scene"):
-        sample_path(name)
-
-
+@settings(deadline=None, max_examples=60)
 @given(buildings())
-def test_every_element_comes_back_through_json(building: Building) -> None:
+def test_a_building_comes_back_and_every_element_through_json(building: Building) -> None:
+    assert native.loads(native.dumps(building)) == building
     for key, element in elements_of(building):
         members = json.loads(json.dumps(as_json(element)))
         assert from_json(key.kind, key.floor, members) == element
@@ -296,14 +273,10 @@ def test_members_are_described_by_type_unit_and_default() -> None:
     assert as_json(Wall("w", (0.0, 0.0), (1.0, 0.0))) == {"name": "w", "from": [0, 0], "to": [1, 0], "height": 2.5}
     members = {member["name"]: member for member in form_members(ElementKind.OBJECT)}
     assert members["at"] == {"name": "at", "default": None, "unit": "m", "type": "point"}
-    heading = members["heading"]
-    assert (heading["type"], heading["unit"], heading["default"]) == ("number", "rad", 0)
+    assert members["heading"] == {"name": "heading", "default": 0, "unit": "rad", "type": "number"}
     assert members["movable"]["type"] == "boolean"
     assert set(members["shape"]["variants"]) == {"segment", "box", "circle", "polygon"}
     assert members["shape"]["variants"]["polygon"][0]["type"] == "points"
-
-
-def test_references_and_rows_are_described() -> None:
     doors = next(member for member in form_members(ElementKind.ELEVATOR) if member["name"] == "doors")
     assert doors["type"] == "rows"
     assert [(member["name"], member["type"]) for member in doors["members"][:2]] == [
@@ -313,22 +286,10 @@ def test_references_and_rows_are_described() -> None:
     edge = {member["name"]: member for member in form_members(ElementKind.EDGE)}
     assert edge["from"]["of"] == "node"
     assert (edge["graphs"]["type"], edge["speed_limit"]["unit"]) == ("names", "m/s")
-
-
-@pytest.mark.parametrize(
-    "members",
-    [
-        None,
-        [],
-        {"name": "w"},
-        {"name": "w", "from": [0, 0], "to": [1, "a"]},
-        {"name": "w", "from": [0, 0], "to": [1, 0], "colour": "red"},
-        {"name": 7, "from": [0, 0], "to": [1, 0]},
-    ],
-)
-def test_other_objects_are_refused(members: object) -> None:
-    with pytest.raises(InvalidElement):
-        from_json(ElementKind.WALL, "L1", members)
+    wall = {"name": "w", "from": [0, 0], "to": [1, 0]}
+    for wrong in (None, [], {"name": "w"}, {**wall, "to": [1, "a"]}, {**wall, "colour": "red"}, {**wall, "name": 7}):
+        with pytest.raises(InvalidElement):
+            from_json(ElementKind.WALL, "L1", wrong)
 
 
 def test_gateways_are_written_once_for_their_sub_network() -> None:

@@ -109,11 +109,16 @@ def test_who_walks_by_and_what_the_map_has_is_not_proposed(place: Place) -> None
 def test_a_thing_that_is_moved_is_proposed_where_it_is(place: Place) -> None:
     place.watch(seen(5.0, 3.0))
     place.proposals.reject("seen 1")
-    assert list(place.objects()) == ["table"]
     place.watch(seen(5.0, 3.1), seconds=30.0)
     assert place.proposals.open() == []  # rejected, and still there
     place.watch(seen(5.4, 3.3))
     assert [each.element.at for each in place.proposals.open()] == [pytest.approx((5.4, 3.3))]
+    place.proposals.save()
+    written = len(place.written)
+    place.proposals.save()
+    assert len(place.written) == written  # nothing has changed since
+    place.proposals.follow(place.planned[0].without(ElementKind.FLOOR, "", "L1"), 2)
+    assert place.proposals.open() == Place(stored=b"[{").proposals.open() == []
 
 
 def test_things_near_each_other_are_not_mixed_up() -> None:
@@ -160,44 +165,18 @@ def test_anybody_proposes_what_they_are_sure_of(place: Place) -> None:
         place.proposals.propose("L1", outline, 0.9, "Ada")
 
 
-def test_of_too_many_what_was_proposed_or_rejected_is_kept() -> None:
+def test_there_are_not_too_many_and_what_was_proposed_or_rejected_is_kept() -> None:
     place = Place(policy=DEFAULT_POLICY._replace(most=3))
     place.watch(seen(1.0, 3.0), seen(3.0, 3.0))
     place.proposals.reject("seen 1")
     for x in (5.0, 7.0, 9.0):
         place.proposals.correlate({robot: [seen(x, 3.0)] for robot in "AB"})
-    assert [each.name for each in place.proposals.open()] == ["seen 2"]
+        place.clock.now += 0.1
     place.watch(seen(1.0, 3.0), seen(9.0, 3.0))
     assert [each.element.at[0] for each in place.proposals.open()] == pytest.approx([3.0, 9.0])
-
-
-def test_there_are_not_too_many() -> None:
-    place = Place(policy=DEFAULT_POLICY._replace(most=3))
-    for x in (1.0, 3.0, 5.0, 7.0):
-        place.proposals.correlate({robot: [seen(x, 3.0)] for robot in "AB"})
-        place.clock.now += 0.1
-    place.watch(*(seen(x, 3.0) for x in (3.0, 5.0, 7.0)))
-    assert len(place.proposals.open()) == 3
-    place.watch(seen(9.0, 3.0))
-    assert [each.element.at[0] for each in place.proposals.open()] == pytest.approx([3.0, 5.0, 7.0])
+    place.proposals.propose("L1", [(5.0, 6.0), (6.0, 6.0), (6.0, 7.0)], 1.0, "Ada")
     with pytest.raises(InvalidElement, match="or 3 proposals are open"):
         place.proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
-
-
-def test_proposals_and_rejections_outlast_a_restart(place: Place) -> None:
-    place.watch(seen(5.0, 3.0), seen(8.0, 3.0))
-    place.proposals.reject("seen 2")
-    place.proposals.save()
-    assert len(place.written) == 2  # nothing has changed since
-    later = Place(stored=place.written[-1])
-    assert [each.name for each in later.proposals.open()] == ["seen 1"]
-    assert list(later.objects()) == ["table", "seen 1"]
-    later.watch(seen(8.0, 3.0))
-    assert [each.name for each in later.proposals.open()] == ["seen 1"]
-    drawn = place.planned[0].with_element("L1", MapObject("seen 1", BoxShape((0.5, 0.5)), (5.0, 3.0)))
-    place.proposals.propose("L1", [(11.0, 1.0), (12.0, 1.0), (12.0, 2.0)], 1.0, "Ada")
-    assert [each.name for each in Place(drawn, place.written[-1]).proposals.open()] == ["seen 3"]  # drawn meanwhile
-    assert Place(stored=b"[{").proposals.open() == []
 
 
 def test_a_decision_that_can_not_be_written_is_an_error_and_written_later(editor: BuildingEditor) -> None:
@@ -214,20 +193,6 @@ def test_a_decision_that_can_not_be_written_is_an_error_and_written_later(editor
     is_full[0] = False
     proposals.save()
     assert [each.name for each in Proposals(editor.snapshot, stored=editor.proposals()).open()] == ["seen 1"]
-
-
-def test_things_stay_on_a_floor_that_is_called_otherwise(editor: BuildingEditor) -> None:
-    place = Place(editor.building)
-    editor.subscribe(place.proposals.follow)
-    place.watch(seen(5.0, 3.0), seen(8.0, 3.0))
-    place.proposals.reject("seen 2")
-    editor.rename(ElementKind.FLOOR, "", "L1", "ground", 1)
-    assert [each.floor for each in place.proposals.open()] == ["ground"]
-    assert "seen 1" in place.objects("ground")
-    place.watch(*(seen(x, 3.0, floor="ground") for x in (5.0, 8.0)))
-    assert [each.name for each in place.proposals.open()] == ["seen 1"]
-    place.proposals.follow(editor.building.without(ElementKind.FLOOR, "", "ground"), 3)
-    assert place.proposals.open() == []
 
 
 SPOTS = {number: (2.0 + 3.0 * number, 3.0) for number in range(4)}

@@ -132,16 +132,6 @@ def floors(draw: st.DrawFn) -> Building:
     return one_floor(width, depth, walls, doors, objects, elevators, bounded=draw(st.booleans()))
 
 
-@settings(deadline=None, max_examples=30)
-@given(building=floors(), radius=st.sampled_from([0.25, 0.40, 0.60]))
-def test_any_floor_is_clear_and_connected_like_its_free_space(building: Building, radius: float) -> None:
-    if open_parts(building, "L1", radius):
-        check_roads(building, "L1", topological_map(building, "L1", radius), radius)
-    else:
-        with pytest.raises(InvalidElement, match="no free space"):
-            topological_map(building, "L1", radius)
-
-
 def check_whole(building: Building, floor: str, roads: TopologicalMap, radius: float) -> None:
     """The same, and the building with these roads keeps the rules: nothing blocks them, and elevators have cabins."""
     check_roads(building, floor, roads, radius)
@@ -302,8 +292,8 @@ def named(*at: XY, elevator: str = "") -> tuple[PathNode, ...]:
     return tuple(PathNode(name=f"p{i}", at=place, elevator=elevator) for i, place in enumerate(at))
 
 
-@settings(deadline=None, max_examples=40)
-@given(building=floors(), at=st.lists(spots, min_size=1, max_size=8), radius=st.sampled_from([0.25, 0.40]))
+@settings(deadline=None, max_examples=60)
+@given(building=floors(), at=st.lists(spots, max_size=6), radius=st.sampled_from([0.25, 0.40, 0.60]))
 def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
     building: Building, at: list[XY], radius: float
 ) -> None:
@@ -311,6 +301,8 @@ def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
     building = with_topology(building, "L1", TopologicalMap({place.name: place for place in places}))
     parts = open_parts(building, "L1", radius)
     if not parts:
+        with pytest.raises(InvalidElement, match="no free space"):
+            topological_map(building, "L1", radius)
         return
     roads = topological_map(building, "L1", radius, places)
     assert {name: node for name, node in roads.nodes.items() if name.startswith("p")} == {
@@ -323,14 +315,6 @@ def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
         or any(math.dist(place.at, other.at) <= SAME_POINT_M for other in (*building.elevators.values(), *places[:i]))
     }
     check_roads(building, "L1", roads, radius, apart)
-
-
-def test_places_that_the_robot_does_not_get_to_keep_their_names() -> None:
-    building = one_floor(objects=[(CircleShape(radius=0.5), (3.0, 3.0))])
-    places = named((3.0, 3.0), (0.1, 4.0), (9.0, 4.0), (9.0, 4.0), (9.01, 4.0))
-    roads = topological_map(building, "L1", RADIUS, places)
-    assert [name for name in roads.nodes if name.startswith("p")] == ["p2", "p0", "p1", "p3", "p4"]
-    assert [bool(graph_of(roads)[place.name]) for place in places] == [False, False, True, False, False]
 
 
 def test_new_names_avoid_those_of_places() -> None:

@@ -81,7 +81,6 @@ def test_problems_of_a_building(building: Building) -> None:
     [
         (wall(name=""), "the name is empty"),
         (wall(name="x" * 201), "the name has 201 characters, at most 200"),
-        (wall(name="x" * 1_000_000), "the name has 1000000 characters"),
         (wall(name=" A"), "the name ' A' begins or ends with a blank; write 'A'"),
         (wall(name="e\u0301"), "is not in Unicode's normal form NFC"),
         (PathNode(name="n", at=(1.0, 1.0), elevator="E "), "elevator 'E ' begins or ends with a blank"),
@@ -91,7 +90,6 @@ def test_problems_of_a_building(building: Building) -> None:
         (Floor(name="L", level=10**5000, elevation=9.0), "level must be from"),
         (Floor(name="L", level=1, elevation=9.0, height=0.0), "height must be from 0.001"),
         (Floor(name="L", level=1, elevation=9.0, outline=SQUARE[:2]), "outline has 2 points"),
-        (wall(b=(1.0, 1.0)), "it has no length"),
         (wall(b=(1.0, 1.0005)), "it has no length"),
         (Door(name="x", a=(1.0, 1.0), b=(1.0, 1.0)), "it has no length"),
         (thing(SegmentShape(length=0.0)), "length must be"),
@@ -99,14 +97,11 @@ def test_problems_of_a_building(building: Building) -> None:
         (thing(BoxShape(size=(1.0, 0.0))), "size y must be"),
         (thing(CircleShape(radius=-1.0)), "radius must be"),
         (thing(PolygonShape(points=BOWTIE)), "the polygon crosses or touches itself near 1, 1"),
-        (thing(CircleShape(radius=1.0), height=0.0), "height must be"),
-        (Area(name="x", polygon=()), "the polygon has 0 points"),
         (Area(name="x", polygon=((0.0, 0.0), (1.0, 0.0), (2.0, 0.0))), "encloses no area"),
         (Area(name="x", polygon=((0.0, 0.0),) * 10_001), "has 10001 points, at most 10000"),
         (Area(name="x", polygon=(*SQUARE[:3], (NAN, 1.0))), "point 4 x is not a finite number"),
         (Area(name="x", polygon=SQUARE, subnet="\0"), "subnet holds the unprintable"),
         (edge("a", "a"), "from a node to the same node"),
-        (edge("", "a"), "from is empty"),
         (edge("a", "b", speed_limit=1e-300), "speed_limit must be from 0.001"),
         (edge("a", "b", clearance=-0.1), "clearance must be from 0"),
         (edge("a", "b", graphs=("",)), "the name of a graph is empty"),
@@ -120,7 +115,6 @@ def test_problems_of_a_building(building: Building) -> None:
             "left door on 'L1' is 1.1 m wide, the side 1 m",
         ),
         (lift(ElevatorDoor(floor="L1", width=1.0, offset=0.6)), "reaches beyond the side"),
-        (lift(ElevatorDoor(floor="")), "the floor of a door is empty"),
         (
             lift(ElevatorDoor(floor="L1", width=0.8), ElevatorDoor(floor="L1", width=0.8, offset=0.5)),
             "doors on 'L1' ov",
@@ -136,18 +130,17 @@ def test_an_element_by_itself(element: Element, reason: str) -> None:
     assert len(str(wrong.value)) < 500
 
 
-def test_doors_of_an_elevator_may_meet_and_be_as_wide_as_the_side() -> None:
-    check_element("", lift(*(ElevatorDoor(floor=floor, width=2.0) for floor in ("L1", "L2"))))
-    halves = [ElevatorDoor(floor="L1", width=1.0, offset=offset) for offset in (-0.5, 0.5)]
-    check_element("", lift(*halves, ElevatorDoor(floor="L1", side=CabinSide.BACK)))
-
-
+HALVES = [ElevatorDoor(floor="L1", width=1.0, offset=offset) for offset in (-0.5, 0.5)]
 SOUND = [
     Floor(name="x", level=1, elevation=0.0, outline=SQUARE),
     *(wall(), Door(name="x", a=(0.0, 0.0), b=(0.0, 1.0)), Area(name="x", polygon=SQUARE), node(1.0, 0.0)),
     *(thing(SegmentShape(length=1.0)), thing(BoxShape(size=(1.0, 1.0)))),
     *(thing(CircleShape(radius=1.0)), thing(PolygonShape(points=SQUARE))),
-    *(edge("a", "b"), lift(FRONT)),
+    *(
+        edge("a", "b"),
+        lift(*HALVES, ElevatorDoor(floor="L1", side=CabinSide.BACK)),
+        lift(ElevatorDoor("L1", width=2.0)),
+    ),
 ]
 
 
@@ -167,10 +160,12 @@ def test_hostile_numbers(sound: Element, value: float) -> None:
 
 
 @pytest.mark.parametrize(
-    ("floor", "element", "blamed", "reason"),
+    ("floor", "edit", "blamed", "reason"),
     [
+        ("L1", (ElementKind.NODE, "west"), "west-east", "node 'west' does not exist"),
+        ("", (ElementKind.ELEVATOR, "E1"), "lift1", "elevator 'E1', which does not exist"),
+        ("", (ElementKind.FLOOR, "L2"), "E1", "serves floor 'L2', which does not exist"),
         ("L1", node(5.0, 8.0), "x", "stands inside object 'table'"),
-        ("L1", node(10.0, 2.0), "x", "stands on wall 'w'"),
         ("L1", node(10.0009, 2.0), "x", "stands on wall 'w'"),
         ("L1", node(20.5, 5.0), "x", "outside the outline"),
         ("L1", node(18.0, 4.0), "x", "stands on the shaft of elevator 'E1'"),
@@ -179,7 +174,6 @@ def test_hostile_numbers(sound: Element, value: float) -> None:
         ("L1", node(15.0, 1.0, name="east"), "west-east", "leads through wall 'w' near 10,"),
         ("L1", node(15.0, 5.0, name="west"), "west-east", "its nodes stand at the same place"),
         ("L1", edge("west", "nowhere"), "x", "node 'nowhere' does not exist"),
-        ("L1", edge("west", "lift2"), "x", "node 'lift2' does not exist"),
         ("L1", edge("west", "corner"), "x", "leads through object 'table' near"),
         ("", lift(FRONT, name="E1", at=(18.0, 5.0), size=(2.0, 2.0)), "in", "through the shaft of elevator 'E1'"),
         ("", lift(FRONT, at=(18.5, 6.4)), "x", "its shaft overlaps that of elevator 'E1'"),
@@ -188,18 +182,17 @@ def test_hostile_numbers(sound: Element, value: float) -> None:
         ("", Floor(name="L3", level=2, elevation=9.0), "L3", "level 2 is that of floor 'L2'"),
         ("", Floor(name="L3", level=3, elevation=4.0), "L3", "elevation 4 m at level 3 does not fit floor 'L2': 4 m"),
         ("", Floor(name="L0", level=0, elevation=0.0), "L0", "elevation 0 m at level 0 does not fit floor 'L1': 0 m"),
-        (
-            "",
-            Floor(name="L1", level=1, elevation=0.0, outline=tuple((9 * x, 9 * y) for x, y in SQUARE)),
-            "east",
-            "outside",
-        ),
+        ("", Floor("L1", 1, 0.0, outline=tuple((9 * x, 9 * y) for x, y in SQUARE)), "east", "outside"),
     ],
 )
-def test_elements_together(building: Building, floor: str, element: Element, blamed: str, reason: str) -> None:
-    key = changes.key_of(floor, element)
+def test_elements_together(building: Building, floor: str, edit: Any, blamed: str, reason: str) -> None:
     building = building.with_element("L1", node(5.0, 9.0, name="corner"))
-    after = building.with_element(floor, element)
+    if isinstance(edit, tuple):
+        key = ElementKey(edit[0], floor, edit[1])
+        after = building.without(*key)
+    else:
+        key = changes.key_of(floor, edit)
+        after = building.with_element(floor, edit)
     with pytest.raises(InvalidElement) as wrong:
         check_change(after, [key], building)
     assert (wrong.value.name, reason in wrong.value.reason) == (blamed, True), wrong.value
@@ -217,17 +210,6 @@ def assert_found(wrong: InvalidElement, building: Building) -> None:
         assert str(wrong) in map(str, found)
 
 
-def test_moving_the_landing_door_of_an_elevator_closes_the_wall_before_it(building: Building) -> None:
-    before = building.with_element("L1", wall(a=(16.9, 0.0), b=(16.9, 10.0)))
-    assert problems(before) == []
-    doors = tuple(ElevatorDoor(floor=name, side=CabinSide.BACK, width=0.5, offset=0.75) for name in ("L1", "L2"))
-    after = before.with_element("", msgspec.structs.replace(building.elevators["E1"], doors=doors))
-    with pytest.raises(InvalidElement) as wrong:
-        check_change(after, [(ElementKind.ELEVATOR, "", "E1")], before)
-    assert wrong.value.name in ("in", "lift2-top")
-    assert [found.reason for found in blockages(after, "L1")] == ["it leads through wall 'x' near 16.9, 5"]
-
-
 def test_removing_a_long_elevator_closes_the_wall_before_its_narrow_side() -> None:
     door = ElevatorDoor(floor="L1", side=CabinSide.RIGHT, width=0.8)
     before = Building("long").with_element("", Floor(name="L1", level=1, elevation=0.0))
@@ -238,22 +220,11 @@ def test_removing_a_long_elevator_closes_the_wall_before_its_narrow_side() -> No
     after = before.without(ElementKind.ELEVATOR, "", "x")
     (blocked,) = check_change(after, [(ElementKind.ELEVATOR, "", "x")], before)
     assert (blocked.element.name, blocked.reason) == ("in-out", "it leads through wall 'w' near 2.3, 0")
-
-
-@pytest.mark.parametrize(
-    ("kind", "floor", "name", "blamed", "reason"),
-    [
-        (ElementKind.NODE, "L1", "west", "west-east", "node 'west' does not exist"),
-        (ElementKind.ELEVATOR, "", "E1", "lift1", "elevator 'E1', which does not exist"),
-        (ElementKind.FLOOR, "", "L2", "E1", "serves floor 'L2', which does not exist"),
-    ],
-)
-def test_removing(building: Building, kind: ElementKind, floor: str, name: str, blamed: str, reason: str) -> None:
-    after = building.without(kind, floor, name)
-    with pytest.raises(InvalidElement) as wrong:
-        check_change(after, [(kind, floor, name)], building)
-    assert (wrong.value.name, reason in wrong.value.reason) == (blamed, True), wrong.value
-    assert str(wrong.value) in map(str, problems(after))
+    moved = before.with_element(
+        "", lift(msgspec.structs.replace(door, side=CabinSide.LEFT), at=(0.0, 0.0), size=(4.0, 1.0))
+    )
+    with pytest.raises(InvalidElement, match="'in-out' on L1: it leads through the shaft of elevator 'x'"):
+        check_change(moved, [(ElementKind.ELEVATOR, "", "x")], before)
 
 
 def test_a_shaft_that_grows_with_the_height_of_a_floor_must_not_cut_roads_of_another(building: Building) -> None:
@@ -265,17 +236,6 @@ def test_a_shaft_that_grows_with_the_height_of_a_floor_must_not_cut_roads_of_ano
     with pytest.raises(InvalidElement, match="through the shaft of elevator 'E1'"):
         check_change(after, [(ElementKind.FLOOR, "", "L2")], before)
     assert [problem.name for problem in problems(after)] == ["n-m"]
-
-
-def test_an_edge_may_use_a_door_and_pass_an_elevator_of_another_floor_only_outside_its_shaft(
-    building: Building,
-) -> None:
-    after = with_all(building, [("L2", node(15.0, 8.0, "n")), ("L2", edge("top", "n"))])
-    check_change(after, [(ElementKind.NODE, "L2", "n"), (ElementKind.EDGE, "L2", "x")], building)
-    serving_both = lift(FRONT, ElevatorDoor(floor="L2", side=CabinSide.LEFT, width=0.5), at=(15.0, 7.0))
-    after = with_all(after, [("", serving_both)])
-    with pytest.raises(InvalidElement, match="through the shaft of elevator 'x'"):
-        check_change(after, [(ElementKind.ELEVATOR, "", "x")], building)
 
 
 @pytest.mark.parametrize(
@@ -302,13 +262,6 @@ def test_what_is_put_on_a_path_blocks_it(building: Building, element: Element, b
     assert check_change(building, [key], after) == []
 
 
-@pytest.fixture
-def locked(building: Building) -> Building:
-    """The door of L1 is locked, with the edge west-east through it."""
-    door = building.floors["L1"].geometrical.doors["d"]
-    return building.with_element("L1", msgspec.structs.replace(door, locked=True))
-
-
 @pytest.mark.parametrize(
     "elements",
     [
@@ -319,29 +272,12 @@ def locked(building: Building) -> Building:
         [node(6.0, 6.0, name="new"), edge("new", "west", name="new")],
     ],
 )
-def test_a_blocked_edge_and_its_nodes_can_be_changed(locked: Building, elements: list[Element]) -> None:
+def test_a_blocked_edge_and_its_nodes_can_be_changed(building: Building, elements: list[Element]) -> None:
+    door = building.floors["L1"].geometrical.doors["d"]
+    locked = building.with_element("L1", msgspec.structs.replace(door, locked=True))
     after = with_all(locked, [("L1", element) for element in elements])
     assert check_change(after, [changes.key_of("L1", element) for element in elements], locked) == []
     assert [item.element.name for item in blockages(after, "L1")] == ["west-east"]
-
-
-@pytest.mark.parametrize(
-    ("elements", "blamed"),
-    [
-        ([edge("west", "east", name="another")], "another"),
-        ([node(3.0, 2.0, "n"), edge("n", "east", name="west-east")], "west-east"),
-        ([node(4.0, 8.5, name="west")], "west"),
-        ([node(5.0, 1.0, name="west")], "west-east"),
-        ([wall(a=(2.0, 1.0), b=(2.0, 3.0)), node(2.0, 2.0, "n")], "n"),
-    ],
-)
-def test_whoever_draws_a_path_onto_an_obstacle_is_refused(
-    locked: Building, elements: list[Element], blamed: str
-) -> None:
-    after = with_all(locked, [("L1", element) for element in elements])
-    with pytest.raises(InvalidElement) as wrong:
-        check_change(after, [changes.key_of("L1", element) for element in elements], locked)
-    assert wrong.value.name == blamed
 
 
 @settings(deadline=None, max_examples=150)
@@ -403,16 +339,70 @@ def edge_key(floor: str, name: str) -> ElementKey:
     return ElementKey(ElementKind.EDGE, floor, name)
 
 
-def test_an_edge_that_is_led_to_another_node_stays() -> None:
-    building = two_floors()
-    led = msgspec.structs.replace(building.floors["L1"].topological.edges["in"], a="west")
-    outcome = with_consequences(building, {node_key("L1", "east"): None, edge_key("L1", "in"): led})
-    assert outcome[edge_key("L1", "in")] == led
-
-
 def test_a_node_in_a_cabin_is_not_removed_by_itself() -> None:
     with pytest.raises(InvalidElement, match="elevator 'E1' stops at it"):
         with_consequences(two_floors(), {node_key("L1", "lift1"): None})
+
+
+E1 = two_floors().elevators["E1"]
+E2 = Elevator("E2", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L1"), ElevatorDoor("L2")))
+LIFT1 = two_floors().floors["L1"].topological.nodes["lift1"]
+LED = PathEdge(name="in", a="west", b="lift1", one_way=True)
+
+
+@pytest.mark.parametrize(
+    ("wanted", "consequences"),
+    [
+        pytest.param(
+            {node_key("L1", "east"): None, edge_key("L1", "in"): LED},
+            {edge_key("L1", "west-east"): None},
+            id="an edge that is led to another node stays",
+        ),
+        pytest.param(
+            {ElementKey(ElementKind.ELEVATOR, "", "E2"): E2},
+            {
+                node_key("L1", "cabin-E2-2"): PathNode("cabin-E2-2", (3.0, 3.0), "E2"),
+                node_key("L2", "cabin-E2"): PathNode("cabin-E2", (3.0, 3.0), "E2"),
+            },
+            id="a new elevator gets a node on each floor",
+        ),
+        pytest.param(
+            {
+                ElementKey(ElementKind.ELEVATOR, "", "E2"): msgspec.structs.replace(E2, doors=E2.doors[1:]),
+                node_key("L2", "mine"): PathNode("mine", (3.2, 3.0), "E2"),
+            },
+            {},
+            id="a node that comes with its elevator is not made twice",
+        ),
+        pytest.param(
+            {LIFT: msgspec.structs.replace(E1, doors=E1.doors[:1])},
+            {node_key("L2", "lift2"): None, edge_key("L2", "lift2-top"): None, node_key("L1", "lift1"): LIFT1},
+            id="a floor that it serves no more loses its node",
+        ),
+        pytest.param(
+            {LIFT: None},
+            dict.fromkeys(
+                [node_key("L1", "lift1"), node_key("L2", "lift2"), edge_key("L1", "in"), edge_key("L2", "lift2-top")]
+            ),
+            id="nodes in the cabin and their edges go with an elevator",
+        ),
+        pytest.param(
+            {ElementKey(ElementKind.FLOOR, "", "L2"): None},
+            {
+                ElementKey(ElementKind.ELEVATOR, "", "E3"): None,
+                LIFT: msgspec.structs.replace(E1, doors=E1.doors[:1]),
+                node_key("L1", "lift1"): LIFT1,
+            },
+            id="elevators serve a floor no more that is removed, and go with their last one",
+        ),
+    ],
+)
+def test_what_follows_from_a_change(wanted: Outcome, consequences: Outcome) -> None:
+    only_upstairs = Elevator("E3", (8.0, 8.0), (2.0, 2.0), (ElevatorDoor("L2"),))
+    building = with_all(two_floors(), [("L1", PathNode("cabin-E2", (1.0, 1.0))), ("", only_upstairs)])
+    outcome = with_consequences(building, wanted)
+    assert outcome == {**wanted, **consequences}
+    assert problems(building.with_changes((*key, element) for key, element in outcome.items())) == []
 
 
 def test_the_nodes_in_a_cabin_follow_their_elevator() -> None:
@@ -422,59 +412,5 @@ def test_the_nodes_in_a_cabin_follow_their_elevator() -> None:
     outcome = with_consequences(aside, {LIFT: lift})
     moved = outcome[node_key("L1", "lift1")], outcome[node_key("L2", "lift2")]
     assert [each.at for each in moved if isinstance(each, PathNode)] == [(16.0, 3.0), pytest.approx((16.0, 3.5))]
-
-
-def test_a_new_elevator_gets_a_node_on_each_floor() -> None:
-    building = two_floors().with_element("L1", PathNode("cabin-E2", (1.0, 1.0)))
-    lift = Elevator("E2", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L1"), ElevatorDoor("L2")))
-    outcome = with_consequences(building, {ElementKey(ElementKind.ELEVATOR, "", "E2"): lift})
-    assert outcome[node_key("L1", "cabin-E2-2")] == PathNode("cabin-E2-2", (3.0, 3.0), "E2")
-    assert outcome[node_key("L2", "cabin-E2")] == PathNode("cabin-E2", (3.0, 3.0), "E2")
-    assert problems(building.with_changes((*key, element) for key, element in outcome.items())) == []
-
-
-def test_a_node_that_comes_with_its_elevator_is_not_made_twice() -> None:
-    lift = Elevator("E2", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L2"),))
-    own = PathNode("mine", (3.2, 3.0), "E2")
-    wanted: Outcome = {ElementKey(ElementKind.ELEVATOR, "", "E2"): lift, node_key("L2", "mine"): own}
-    assert with_consequences(two_floors(), wanted) == wanted
-
-
-def floor(name: str) -> ElementKey:
-    return ElementKey(ElementKind.FLOOR, "", name)
-
-
-@pytest.mark.parametrize(
-    ("removed", "served", "gone"),
-    [
-        (
-            [node_key("L1", "east")],
-            ("L1", "L2"),
-            [node_key("L1", "east"), edge_key("L1", "west-east"), edge_key("L1", "in")],
-        ),
-        (
-            [LIFT],
-            (),
-            [LIFT, node_key("L1", "lift1"), node_key("L2", "lift2"), edge_key("L1", "in"), edge_key("L2", "lift2-top")],
-        ),
-        ([floor("L2")], ("L1",), [floor("L2"), ElementKey(ElementKind.ELEVATOR, "", "E3")]),
-        ([floor("L2"), floor("L3")], ("L1",), [floor("L2"), floor("L3"), ElementKey(ElementKind.ELEVATOR, "", "E3")]),
-    ],
-)
-def test_what_is_removed_takes_along_what_refers_to_it(
-    removed: list[ElementKey], served: tuple[str, ...], gone: list[ElementKey]
-) -> None:
-    building = two_floors().with_element("", Floor("L3", 3, 8.0))
-    building = building.with_element("", Elevator("E3", (3.0, 3.0), (2.0, 2.0), (ElevatorDoor("L2"),)))
-    outcome = with_consequences(building, dict.fromkeys(removed))
-    assert {key for key, after in outcome.items() if after is None} == set(gone)
-    after = building.with_changes((*key, element) for key, element in outcome.items())
-    assert problems(after) == [] or "E3" in after.elevators
-    lift = after.elevators.get("E1")
-    assert (lift.floors() if lift else ()) == served
-
-
-def test_a_floor_that_an_elevator_serves_no_more_loses_its_node() -> None:
-    lift = two_floors().elevators["E1"]
-    outcome = with_consequences(two_floors(), {LIFT: msgspec.structs.replace(lift, doors=lift.doors[:1])})
-    assert outcome[node_key("L2", "lift2")] is None
+    without = aside.without(ElementKind.EDGE, "L1", "in").without(ElementKind.NODE, "L1", "lift1")
+    assert node_key("L1", "cabin-E1") not in with_consequences(without, {LIFT: lift})

@@ -12,7 +12,6 @@ import networkx as nx
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy import ndimage
 from shapely import LineString, Point, Polygon, STRtree
 from shapely.geometry.base import BaseGeometry
 
@@ -27,9 +26,8 @@ TOLERANCE_M = 1e-6
 #: path_planner.idl: a place is connected to nodes in sight at most this much farther than the nearest one [m]; the
 #: planner takes at most so many of them; nearer than ON_NODE_M it is on a node.
 TIE_REACH_M, MAX_TIES, ON_NODE_M = 6.0, 8, 0.01
-#: Side of a cell [m], clearance beyond the radius at the centre of a free one, and how far a place is from one. A move
-#: to the next cell may lose half a cell of the clearance.
-CELL_M, CELL_MARGIN_M, CELL_REACH_M = 0.04, 0.03, 0.3
+#: Clearance beyond the radius in the parts of the free space, and how far a place is from one at most [m].
+PART_MARGIN_M, PART_REACH_M = 0.01, 0.3
 
 
 class Lane(NamedTuple):
@@ -69,7 +67,7 @@ class FloorPlan:
             shapely.prepare(self.outline)
         self._tree = STRtree(self.shapes)
         self._usable: dict[tuple[str, float], bool] = {}
-        self._parts: dict[bool, tuple[NDArray[np.int32], float, float]] = {}
+        self._parts: dict[bool, NDArray[np.object_]] = {}
         self.lanes = list(self._lanes())
         self._strips = np.array(
             [lane.line.buffer(max(request.radius - TOLERANCE_M, 1e-9), cap_style="flat") for lane in self.lanes], object
@@ -205,9 +203,8 @@ class FloorPlan:
 
     # Free space.
 
-    def _cells(self, with_rules: bool) -> tuple[NDArray[np.int32], float, float]:
-        """The connected parts of the cells that are certainly free, with rules also away from closed lanes, and the
-        lower corner."""
+    def _free_parts(self, with_rules: bool) -> NDArray[np.object_]:
+        """The connected parts of the space that is certainly free, with rules also away from closed lanes."""
         closed = [
             lane.line
             for lane in self.lanes
@@ -216,29 +213,19 @@ class FloorPlan:
         key = bool(closed)
         if key not in self._parts:
             points = [Point(node.at) for node in self.nodes.values()]
-            x0, y0, x1, y1 = shapely.total_bounds([*self.shapes, *points, Point(0.0, 0.0)])
-            if self.outline is None:
-                x0, y0, x1, y1 = x0 - 3.0, y0 - 3.0, x1 + 3.0, y1 + 3.0
-            grown = shapely.buffer([*self.shapes, *closed], (self.request.radius + CELL_MARGIN_M) * 1.01)
-            space = (self.outline or shapely.box(x0, y0, x1, y1)).difference(shapely.union_all(grown))
-            shapely.prepare(space)
-            x, y = np.arange(x0 + CELL_M / 2, x1, CELL_M), np.arange(y0 + CELL_M / 2, y1, CELL_M)
-            labels = ndimage.label(shapely.contains_xy(space, *np.meshgrid(x, y)))[0]
-            self._parts[key] = labels, float(x[0]), float(y[0])
+            drawn = shapely.total_bounds([*self.shapes, *points, Point(0.0, 0.0)])
+            region = self.outline or shapely.box(*drawn).buffer(3.0)
+            grown = shapely.buffer([*self.shapes, *closed], (self.request.radius + PART_MARGIN_M) * 1.01)
+            self._parts[key] = shapely.get_parts(region.difference(shapely.union_all(grown)))
         return self._parts[key]
 
     def parts(self, place: XY, with_rules: bool) -> set[int]:
-        """The parts of the free cells that a straight drive certainly leads to."""
-        labels, x0, y0 = self._cells(with_rules)
-        column, row, reach = (place[0] - x0) / CELL_M, (place[1] - y0) / CELL_M, math.ceil(CELL_REACH_M / CELL_M)
-        found: set[int] = set()
-        for i in range(max(round(row) - reach, 0), min(round(row) + reach + 1, labels.shape[0])):
-            for k in range(max(round(column) - reach, 0), min(round(column) + reach + 1, labels.shape[1])):
-                centre = (x0 + k * CELL_M, y0 + i * CELL_M)
-                if not labels[i, k] or labels[i, k] in found:
-                    continue
-                if self.is_free(place, centre, TOLERANCE_M) and not (with_rules and self.is_near_rules(place, centre)):
-                    found.add(int(labels[i, k]))
+        """The parts of the free space that a straight drive certainly leads to."""
+        parts, at, found = self._free_parts(with_rules), Point(place), set()
+        for i in np.flatnonzero(shapely.dwithin(parts, at, PART_REACH_M)).tolist():
+            nearest, _ = shapely.shortest_line(parts[i], at).coords
+            if self.is_free(place, nearest, TOLERANCE_M) and not (with_rules and self.is_near_rules(place, nearest)):
+                found.add(i)
         return found
 
 

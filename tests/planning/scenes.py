@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from shapely import LineString, Point, Polygon, STRtree
 
-from robocorba.map_editor.geometry import bounds, free_space, obstacles, shaft_polygon
+from robocorba.map_editor.geometry import bounds, obstacles, shaft_polygon
 from robocorba.map_editor.model import (
     Area,
     BoxShape,
@@ -75,17 +75,11 @@ def tower(floors: int = 3, served: tuple[str, ...] | None = None) -> Building:
     names = [f"L{i + 1}" for i in range(floors)]
     building = Building("tower")
     for level, name in enumerate(names):
-        outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 6.0), (0.0, 6.0))
-        building = building.with_element("", Floor(name=name, level=level, elevation=4.0 * level, outline=outline))
-        for element in (
-            node("west", 2.0, 3.0),
-            node("landing", 6.0, 3.0),
-            node("cabin", 8.5, 3.0, "E1"),
-            edge("west", "landing"),
-            edge("landing", "cabin"),
-        ):
-            if served is None or name in served or element.name not in ("cabin", "landing-cabin"):
-                building = building.with_element(name, element)
+        roads = [node("west", 2.0, 3.0), node("landing", 6.0, 3.0), edge("west", "landing")]
+        if served is None or name in served:
+            roads += [node("cabin", 8.5, 3.0, "E1"), edge("landing", "cabin")]
+        floor = room(10.0, 6.0, name=name, level=level).floors[name].floor
+        building = with_all(building, [("", floor), *((name, element) for element in roads)])
     doors = tuple(ElevatorDoor(floor=name, width=1.4) for name in (served or names))
     shaft = Elevator(name="E1", at=(8.5, 3.0), heading=-1.5707963267948966, size=(2.0, 2.0), doors=doors)
     return building.with_element("", shaft)
@@ -107,22 +101,6 @@ def random_room(seed: int, things: int = 6) -> Building:
         if line.length > 0.2:
             building = building.with_element("L1", wall(f"wall{i}", float(ax), float(ay), float(bx), float(by)))
     return building
-
-
-def random_places(building: Building, radius: float, count: int, seed: int) -> list[Place]:
-    """Free places all over a building."""
-    rng = np.random.default_rng(seed)
-    spaces = {floor: free_space(building, floor, radius) for floor in building.floors}
-    weights = np.array([space.area for space in spaces.values()])
-    names = list(spaces)
-    found: list[Place] = []
-    while len(found) < count:
-        floor = names[rng.choice(len(names), p=weights / weights.sum())]
-        x0, y0, x1, y1 = spaces[floor].bounds
-        points = rng.uniform((x0, y0), (x1, y1), (50, 2))
-        inside = shapely.contains_xy(spaces[floor], points)
-        found += [Place(floor, float(x), float(y)) for x, y in points[inside][:1]]
-    return found
 
 
 def two_halls() -> Building:

@@ -16,20 +16,18 @@ from shapely import LineString
 
 from robocorba.errors.paths import PlanningTimeout
 from robocorba.map_editor.changes import key_of
-from robocorba.map_editor.model import Building, Element, MapObject
+from robocorba.map_editor.model import Element, MapObject
 from robocorba.map_editor.spatial.grids import build_grid
-from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.floor_mesh import FloorMesh
-from robocorba.planning.request import Place
-from robocorba.planning.segments import segments_distance2
 from robocorba.planning.space import FloorSpace, line_clearance, line_free
-from robocorba.planning.tangent_graph import DriveLeg, TangentGraph
+from robocorba.planning.tangent_graph import TangentGraph
 from robocorba.planning.triangulation import FRAME_CORNERS, Mesh, side
 from robocorba.planning.turns import Turn
 from robocorba.planning.visible_region import make_scratch, seen_from
 from testkit.buildings import on_a_floor
 from testkit.fine_grid import FloorGeometry
-from tests.planning.scenes import random_places, random_room, room, wall
+from testkit.generated_buildings import random_places
+from tests.planning.scenes import random_room
 from tests.planning.visibility import VisibilityGraph
 
 coordinate = st.floats(-30, 30).map(lambda value: round(value, 3))
@@ -46,12 +44,6 @@ def test_clearance_is_the_distance(segments: list[tuple[float, ...]], line: tupl
     assert (index >= 0) == (expected < reach) or abs(expected - reach) < 1e-7
     if abs(expected - reach) > 1e-7 and expected > 1e-7:
         assert line_free(grid, *line, reach) == (expected >= reach)
-
-
-@settings(deadline=None, max_examples=300)
-@given(segment, segment)
-def test_distance_of_two_segments(one: tuple[float, ...], other: tuple[float, ...]) -> None:
-    assert math.sqrt(segments_distance2(*one, *other)) == pytest.approx(_line(one).distance(_line(other)), abs=1e-7)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -159,28 +151,16 @@ def test_what_is_visible_is_seen(found: list[tuple[float, ...]], eye: tuple[floa
                 assert other in seen, (vertex, at, there)
 
 
-#: Sides of a quarter of an arc, and the error of the reference, which is too long [m].
-ARC_SIDES, ERROR_M = 96, 1e-4
-
-
-def check(leg: DriveLeg, building: Building, radius: float, start: Place, goal: Place, exact: VisibilityGraph) -> None:
-    """The drive has the length of the reference, and its corners keep the radius from all obstacles."""
-    expected = exact.length(start, goal)
-    assert expected - ERROR_M <= leg.length <= expected + 1e-6 or leg.length == expected == math.inf
-    assert not FloorGeometry(building, "L1").touches(drives(leg), radius)
-
-
-def drives(leg: DriveLeg) -> list[tuple[XY, XY]]:
-    """The straight drives between the corners."""
-    return list(pairwise((x, y) for x, y in leg.points.tolist()))
-
-
 def test_nothing_in_the_way() -> None:
     grid = build_grid(np.empty((0, 4)))
     assert line_free(grid, -1e5, 0.0, 1e5, 0.0, 3.0)
     mesh = FloorMesh(grid, False, [(3.0, 4.0)])
     assert is_whole(mesh.mesh)
     assert mesh.covers([(3.0, 4.0)])
+
+
+#: Sides of a quarter of an arc, and the error of the reference, which is too long [m].
+ARC_SIDES, ERROR_M = 96, 1e-4
 
 
 @pytest.mark.parametrize(("seed", "radius"), [(0, 0.4), (1, 0.4), (2, 0.25), (3, 0.1), (4, 0.3), (5, 0.4)])
@@ -190,13 +170,15 @@ def test_no_drive_is_shorter(seed: int, radius: float) -> None:
     places = random_places(building, radius, 16, seed)
     for start, goal in zip(places[::2], places[1::2], strict=True):
         (leg,) = graph.legs(start[1:], [goal[1:]])
-        check(leg, building, radius, start, goal, exact)
+        expected, corners = exact.length(start, goal), [(x, y) for x, y in leg.points.tolist()]
+        assert expected - ERROR_M <= leg.length <= expected + 1e-6 or leg.length == expected == math.inf
+        assert not FloorGeometry(building, "L1").touches(list(pairwise(corners)), radius)
         assert graph.legs(goal[1:], [start[1:]])[0].length == pytest.approx(leg.length, abs=1e-9)
         if math.isfinite(leg.length):  # drives longer than the limit are not found
             found = [graph.legs(start[1:], [goal[1:]], max_length_m=leg.length + d)[0] for d in (1e-6, -1e-6)]
             assert [math.isfinite(each.length) for each in found] == [True, False]
-        if len(leg.points):
-            driven = sum(math.dist(a, b) for a, b in drives(leg))
+        if corners:
+            driven = sum(math.dist(a, b) for a, b in pairwise(corners))
             assert leg.length - 1e-9 <= driven <= 1.0034 * leg.length
 
 
@@ -210,22 +192,10 @@ def test_several_targets_get_what_each_gets_alone() -> None:
     assert sorted(leg.length for leg in graph.legs(origin, targets, enough=3))[:3] == pytest.approx(nearest)
 
 
-def test_walls_that_cross_block() -> None:
-    """Where walls cross there is no vertex of the map."""
-    crossed = [wall("a", 0.0, 2.0, 9.0, 4.0), wall("b", 0.0, 4.0, 9.0, 2.0), wall("c", 6.0, 0.0, 6.0, 5.0)]
-    building = room(10.0, 6.0, *crossed)
-    graph, exact = TangentGraph(FloorSpace(building, "L1"), 0.3), VisibilityGraph(building, 0.3, ARC_SIDES)
-    start = Place("L1", 0.6, 3.0)
-    for goal in (Place("L1", 9.5, 3.0), Place("L1", 3.0, 1.0), Place("L1", 3.0, 5.0), Place("L1", 7.0, 4.5)):
-        check(graph.legs(start[1:], [goal[1:]])[0], building, 0.3, start, goal, exact)
-
-
 def test_a_search_ends_at_its_deadline() -> None:
     graph = TangentGraph(FloorSpace(random_room(1, 8), "L1"), 0.4)
-    with graph._lock:  # another search is under way
-        began = time.monotonic()
-        with pytest.raises(PlanningTimeout):
-            graph.legs((1.0, 1.0), [(11.0, 8.0)], turn=Turn(began + 0.05))
+    with graph._lock, pytest.raises(PlanningTimeout):  # another search is under way
+        graph.legs((1.0, 1.0), [(11.0, 8.0)], turn=Turn(time.monotonic() + 0.05))
     assert len(graph.legs((1.0, 1.0), [(11.0, 8.0)])[0].points)
 
 

@@ -91,14 +91,6 @@ def test_a_robot_too_large_for_an_edge_drives_beside_it_or_not_at_all() -> None:
     assert planner.paths(PathRequest(A, B, radius=0.2))[0].distance == pytest.approx(16.0)
 
 
-@pytest.mark.parametrize("alternatives", (0, 3))
-def test_the_best_path_does_not_depend_on_the_number_of_alternatives(alternatives: int) -> None:
-    nodes = [node("a", 1, 1), node("b", 9, 1), node("c", 5, 5)]
-    planner = PathPlanner(room(10.0, 6.0, *nodes, edge("a", "b"), edge("a", "c"), edge("c", "b")))
-    request = PathRequest(Place("L1", 1.0, 2.0), Place("L1", 9.0, 2.0), alternatives=alternatives)
-    assert planner.paths(request)[0].distance == pytest.approx(8.0)
-
-
 @pytest.mark.parametrize("seed", range(12))
 def test_the_judge_has_no_objection(seed: int) -> None:
     answers = judged(ruled_building(seed), 25, seed)

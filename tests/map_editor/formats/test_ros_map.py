@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-import yaml
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from PIL import Image
@@ -39,9 +38,7 @@ from robocorba.map_editor.topology import topological_map
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import Place
 from robocorba.planning.space import FloorSpace
-from tests.map_editor.formats.hostile import HOSTILE, changed, places
-from tests.map_editor.formats.rmf_files import written
-from tests.map_editor.formats.ros_files import BLACK, GREY, WHITE, write_ros
+from tests.map_editor.formats.ros_files import BLACK, GREY, LIST, WHITE, write_ros, written_list
 from tests.planning.scenes import room, wall
 
 CELL_M = 0.05
@@ -74,21 +71,19 @@ def test_a_floor_there_and_back(image: str, tmp_path: Path) -> None:
     assert len(plan.objects) <= 6
 
 
-def test_several_floors_get_a_file_each(tmp_path: Path) -> None:
+def test_what_is_exported(tmp_path: Path) -> None:
     floor = _flat().floors["L1"]
-    upper = FloorMap(Floor(name="a b", level=1, elevation=3.0), floor.geometrical)
-    exported = write_map(Building("two", {"L1": floor, "a b": upper}), tmp_path / "two.yaml", "ros", resolution_m=0.1)
+    floor.geometrical.objects["heavy"] = MapObject("heavy", BoxShape((1.0, 1.0)), (3.0, 3.0), mass=5.0)
+    upper = FloorMap(Floor(name="a b", level=1, elevation=3.0), _flat().floors["L1"].geometrical)
+    building, path = Building("two", {"L1": floor, "a b": upper}), tmp_path / "two.yaml"
+    exported = write_map(building, path, "ros", resolution_m=0.1)
     assert [path.name for path in exported.files] == ["two-L1.yaml", "two-L1.pgm", "two-a_b.yaml", "two-a_b.pgm"]
     assert sorted(exported.files) == sorted(tmp_path.iterdir())
-    assert "doors became gaps in the walls: L1 door, a b door" in exported.losses
-
-
-def test_a_mass_is_lost(tmp_path: Path) -> None:
-    building, file = _flat(), tmp_path / "flat.yaml"
-    objects = building.floors["L1"].geometrical.objects
-    assert not any("mass" in loss for loss in write_map(building, file, "ros", resolution_m=0.1).losses)
-    objects["heavy"] = MapObject("heavy", BoxShape((1.0, 1.0)), (3.0, 3.0), mass=5.0)
-    assert "masses of objects are not kept: L1 heavy" in write_map(building, file, "ros", resolution_m=0.1).losses
+    losses = {"doors became gaps in the walls: L1 door, a b door", "masses of objects are not kept: L1 heavy"}
+    assert losses <= set(exported.losses)
+    for resolution_m, image in ((0.0, "pgm"), (math.nan, "pgm"), (1e-3, "pgm"), (0.05, "gif")):
+        with pytest.raises(MapFileError):
+            write_map(_flat(), path, "ros", resolution_m=resolution_m, image=image)
 
 
 def _room() -> np.ndarray:
@@ -108,14 +103,9 @@ def test_outline_and_block_of_a_drawn_room(tmp_path: Path) -> None:
     assert floor.geometrical.walls == {}
     turned = read_map(write_ros(tmp_path, _room(), origin=[10.0, 20.0, math.pi / 2])).building.floors["map"]
     assert shapely.Polygon(turned.floor.outline).bounds == pytest.approx((7.5, 20.5, 9.5, 24.5), abs=0.06)
-
-
-@pytest.mark.parametrize(
-    "settings", [{"negate": False}, {"negate": None, "occupied_thresh": None, "free_thresh": None}]
-)
-def test_settings_that_may_be_missing(settings: dict[str, object], tmp_path: Path) -> None:
     plain = read_map(write_ros(tmp_path, _room(), mode="trinary")).building
-    assert read_map(write_ros(tmp_path, _room(), **settings)).building == plain
+    for missing in ({"negate": False}, {"negate": None, "occupied_thresh": None, "free_thresh": None}):
+        assert read_map(write_ros(tmp_path, _room(), **missing)).building == plain
 
 
 @pytest.mark.parametrize("kind", ["P2", "16"])
@@ -135,11 +125,8 @@ def test_other_kinds_of_pgm(kind: str, tmp_path: Path) -> None:
         ({"image": "absent.png"}, "image", "no picture"),
         ({"image": "../map.png"}, "image", "in the folder"),
         ({"image": "map.yaml"}, "image", "unreadable picture"),
-        ({"image": "/dev/zero"}, "image", "no picture"),
-        ({"image": 7}, "image", "name of a picture"),
         ({"image": "é" * 190}, "image", "unreadable picture"),
         ({"resolution": 0}, "resolution", "above zero"),
-        ({"resolution": math.nan}, "resolution", "finite"),
         ({"resolution": 1e-9}, "resolution", "metres per cell"),
         ({"origin": [1.0]}, "origin", "x, y, yaw"),
         ({"origin": [math.inf, 0, 0]}, "origin[0]", "too large|finite"),
@@ -193,9 +180,16 @@ def test_any_bytes_as_a_picture(tmp_path_factory: pytest.TempPathFactory, tail: 
 
 @settings(max_examples=60, deadline=None)
 @given(arrays(np.uint8, (12, 14), elements=st.sampled_from([BLACK, GREY, WHITE, WHITE])))
+@example(np.full((12, 14), BLACK))
 def test_any_picture_makes_a_building_in_order(tmp_path_factory: pytest.TempPathFactory, cells: np.ndarray) -> None:
-    building = read_map(write_ros(tmp_path_factory.mktemp("any"), cells)).building
-    assert validation.problems(building) == []
+    path = write_ros(tmp_path_factory.mktemp("any"), cells)
+    found, has_free = read_map(path), bool((cells == WHITE).any())
+    assert validation.problems(found.building) == []
+    outline = shapely.Polygon(found.building.floors["map"].floor.outline).buffer(1e-9)
+    assert all(outline.covers(item.geometry) for item in obstacles(found.building, "map"))
+    no_free_cell = "the picture has no free cell, the whole floor is blocked; check negate and the thresholds"
+    assert (no_free_cell in found.losses) is not has_free
+    assert has_free or _ground(path).is_empty
 
 
 @settings(max_examples=50, deadline=None)
@@ -208,26 +202,10 @@ def test_areas_fill_the_cells_whose_middle_they_cover(points: list[tuple[float, 
     x, y = np.meshgrid(np.arange(28) * 0.5 - 0.75, 10 - (np.arange(22) * 0.5 + 0.25))
     near_border = shapely.dwithin(shapely.points(x, y), area.boundary, 1e-6)
     assert (((canvas.cells == 1) == shapely.contains_xy(area, x, y)) | near_border).all()
-
-
-def test_lines_mark_every_cell_that_they_pass() -> None:
     canvas = Canvas((1.0, 2.0), 0.5, 4, 6)
     canvas.trace(shapely.LineString([(1.1, 2.1), (3.9, 2.1)]), 1)
-    assert canvas.cells[3].tolist() == [1] * 6
+    assert canvas.cells[3].tolist() == [1] * 6  # lines mark every cell that they pass
     assert (canvas.cells[:3] == 2).all()
-
-
-@pytest.mark.parametrize(("resolution_m", "image"), [(0.0, "pgm"), (math.nan, "pgm"), (1e-3, "pgm"), (0.05, "gif")])
-def test_impossible_grids_are_refused(resolution_m: float, image: str, tmp_path: Path) -> None:
-    with pytest.raises(MapFileError):
-        write_map(_flat(), tmp_path / "x.yaml", "ros", resolution_m=resolution_m, image=image)
-
-
-def _floor(path: Path, **options: str) -> tuple[FloorMap, tuple[str, ...]]:
-    result = read_map(path, **options)
-    assert validation.problems(result.building) == []
-    (floor,) = result.building.floors.values()
-    return floor, result.losses
 
 
 def _ground(path: Path, **options: str) -> shapely.Geometry:
@@ -257,7 +235,8 @@ def test_a_wing_apart_stays_on_the_floor(tmp_path: Path) -> None:
     cells = np.full((100, 120), GREY)
     cells[20:50, 10:50] = cells[60:80, 70:100] = cells[90:92, 5:7] = WHITE
     path = write_ros(tmp_path, cells)
-    floor, losses = _floor(path)
+    found = read_map(path)
+    floor, losses = found.building.floors["map"], found.losses
     assert shapely.Polygon(floor.floor.outline).bounds == pytest.approx((1.0, 2.0, 10.0, 8.0))
     assert sorted(part.area for part in shapely.get_parts(_ground(path))) == pytest.approx([6.0, 12.0])
     speck = "free space: 1 separate regions below 1 m2 count as blocked, 0.04 m2 in all: 0.04 m2 at (0.60, 0.90)"
@@ -265,27 +244,13 @@ def test_a_wing_apart_stays_on_the_floor(tmp_path: Path) -> None:
     assert "unknown1" in floor.geometrical.objects
 
 
-def test_nothing_lies_outside_of_the_outline(tmp_path: Path) -> None:
+def test_what_lies_outside_of_the_outline_is_left_out(tmp_path: Path) -> None:
     cells = np.full((80, 80), GREY)
     cells[20:60, 20:60] = WHITE
     cells[18:20, 18:62] = BLACK
     cells[5:8, 5:8], cells[70:75, 3] = BLACK, WHITE
-    floor, losses = _floor(write_ros(tmp_path, cells))
-    outline = shapely.Polygon(floor.floor.outline).buffer(1e-9)
-    building = read_map(tmp_path / "map.yaml").building
-    assert floor.geometrical.walls == {}
-    assert all(outline.covers(item.geometry) for item in obstacles(building, "map"))
-    assert (
-        "occupied space: 1 regions outside the outline are left out, 0.09 m2 in all: 0.09 m2 at (0.65, 7.35)"
-    ) in losses
-
-
-def test_a_picture_without_free_cells_blocks(tmp_path: Path) -> None:
-    path = write_ros(tmp_path, np.full((20, 30), BLACK))
-    assert "the picture has no free cell, the whole floor is blocked; check negate and the thresholds" in (
-        read_map(path).losses
-    )
-    assert _ground(path).is_empty
+    left_out = "occupied space: 1 regions outside the outline are left out, 0.09 m2 in all: 0.09 m2 at (0.65, 7.35)"
+    assert left_out in read_map(write_ros(tmp_path, cells)).losses
 
 
 def _nav2_room(tmp_path: Path, **more: object) -> Path:
@@ -351,61 +316,21 @@ def test_specks_beside_walls_are_noise_and_legs_of_tables_stay(
     cell_m: float, options: dict[str, str], open_things: int, losses: list[str] | None, tmp_path: Path
 ) -> None:
     path = _specks(tmp_path, cell_m)
-    (room,) = shapely.get_parts(_ground(path, **options))
-    assert len(room.interiors) == open_things
+    (ground,) = shapely.get_parts(_ground(path, **options))
+    assert len(ground.interiors) == open_things
     assert losses is None or [loss for loss in read_map(path, **options).losses if "specks" in loss] == losses
-
-
-def test_an_unknown_cell_within_free_space_is_a_speck(tmp_path: Path) -> None:
+    for wrong in ({"unknown": "maybe"}, {"specks": "some"}):
+        with pytest.raises(MapFileError, match="is not supported"):
+            read_map(path, **wrong)
     cells = np.full((40, 40), WHITE)
-    cells[20, 20] = GREY
-    path = write_ros(tmp_path, cells, resolution=0.05)
+    cells[20, 20] = GREY  # an unknown cell within free space is a speck too
+    write_ros(tmp_path, cells, resolution=0.05)
     assert _ground(path).area == pytest.approx(4.0 - 0.0025)
     assert _ground(path, specks="all").area == pytest.approx(4.0)
 
 
-@pytest.mark.parametrize("options", [{"unknown": "maybe"}, {"specks": "some"}])
-def test_options_that_do_not_exist_are_refused(options: dict[str, str], tmp_path: Path) -> None:
-    with pytest.raises(MapFileError, match="is not supported"):
-        read_map(_specks(tmp_path), **options)
-
-
-LIST: dict[str, Any] = {
-    "ros_maps": 1,
-    "name": "lab",
-    "floors": [
-        {"name": "L1", "level": 1, "elevation": 0.0, "map": "ground.yaml"},
-        {"name": "L2", "level": 2, "elevation": 3.5, "height": 3.2, "map": "up/first.yaml"},
-    ],
-    "elevators": [
-        {
-            "name": "E1",
-            "at": [9.0, 3.0],
-            "size": [1.8, 1.8],
-            "doors": [{"floor": "L1", "side": "left", "width": 1.2}, {"floor": "L2", "side": "left", "width": 1.2}],
-        }
-    ],
-}
-
-
-def _written(folder: Path, **change: Any) -> Path:
-    """A list of two floors of 8 m x 6 m; the elevator's shaft is black and unknown, the door closed."""
-    cells = np.full((60, 120), GREY)
-    cells[:, :80] = BLACK
-    cells[1:-1, 1:-1][:, :78] = WHITE
-    cells[18:42, 79:102] = BLACK
-    cells[22:38, 82:98] = GREY
-    (folder / "up").mkdir(exist_ok=True)
-    write_ros(folder, cells, "ground")
-    # The upper picture is larger: its origin says where it lies in the frame of the building.
-    write_ros(folder / "up", np.pad(cells, 10, constant_values=GREY), "first", origin=[-1.0, -1.0, 0.0])
-    path = folder / "lab.yaml"
-    path.write_text(yaml.safe_dump({**copy.deepcopy(LIST), **change}, sort_keys=False))
-    return path
-
-
 def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
-    result = read_map(_written(tmp_path))
+    result = read_map(written_list(tmp_path))
     building = result.building
     assert (result.format, building.name) == ("ros", "lab")
     assert validation.problems(building) == []
@@ -413,6 +338,11 @@ def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
     assert (lower.name, lower.level, lower.elevation, lower.height) == ("L1", 1, 0.0, 3.0)
     assert (upper.name, upper.level, upper.elevation, upper.height) == ("L2", 2, 3.5, 3.2)
     assert np.allclose(lower.outline, upper.outline)
+    for floor in ("L1", "L2"):
+        building = with_topology(building, floor, topological_map(building, floor, 0.3))
+        assert FloorSpace(building, floor).point_is_free(9.0, 3.0, 0.4)  # the shaft is opened
+    path = PathPlanner(building).shortest(Place("L1", 2.0, 2.0), Place("L2", 2.0, 4.0))
+    assert [point.floor for point in path.points][:: len(path.points) - 1] == ["L1", "L2"]
     assert building.elevators["E1"].doors == tuple(
         ElevatorDoor(floor=floor, side=CabinSide.LEFT, width=1.2) for floor in ("L1", "L2")
     )
@@ -420,7 +350,7 @@ def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
     cleared = "L1: elevator 'E1': 3.48 m2 of its shaft and landings are not free in the picture and were cleared"
     assert cleared in result.losses
     elevator = {**LIST["elevators"][0], "doors": [{"floor": "L1", "side": "right"}]}
-    losses = read_map(_written(tmp_path, elevators=[elevator])).losses
+    losses = read_map(written_list(tmp_path, elevators=[elevator])).losses
     assert "L1: elevator 'E1': no free cell in front of its doors; check its position and their side" in losses
     listed = tmp_path / "up" / "first.yaml"
     listed.write_text(listed.read_text().replace("resolution: 0.1", "resolution: fine"))
@@ -429,28 +359,18 @@ def test_floors_and_elevators_of_a_list(tmp_path: Path) -> None:
     assert (caught.value.file, caught.value.key) == (str(listed), "resolution")
 
 
-def test_the_shaft_is_opened_and_joined_to_the_floor(tmp_path: Path) -> None:
-    building = read_map(_written(tmp_path)).building
-    for floor in ("L1", "L2"):
-        building = with_topology(building, floor, topological_map(building, floor, 0.3))
-        assert FloorSpace(building, floor).point_is_free(9.0, 3.0, 0.4)
-    path = PathPlanner(building).shortest(Place("L1", 2.0, 2.0), Place("L2", 2.0, 4.0))
-    assert [point.floor for point in path.points][:: len(path.points) - 1] == ["L1", "L2"]
-
-
 @pytest.mark.parametrize(
     ("floors", "expected"),
     [
         ([{"elevation": -3.0}, {"elevation": 0.0}], [(-1, -3.0), (0, 0.0)]),
         ([{"level": 2}, {"level": 5}], [(2, 6.0), (5, 15.0)]),
-        ([{"level": 5}, {"level": 2}], [(2, 6.0), (5, 15.0)]),
     ],
 )
 def test_levels_and_elevations_follow_from_each_other(
     floors: list[dict[str, float]], expected: list[tuple[int, float]], tmp_path: Path
 ) -> None:
     listed = [{"name": name, "map": "ground.yaml", **floor} for name, floor in zip(("L1", "L2"), floors, strict=True)]
-    building = read_map(_written(tmp_path, floors=listed)).building
+    building = read_map(written_list(tmp_path, floors=listed)).building
     assert [(entry.floor.level, entry.floor.elevation) for entry in building.floors.values()] == expected
 
 
@@ -481,9 +401,7 @@ def _elevator(**change: Any) -> dict[str, Any]:
     [
         ({"ros_maps": 2}, "ros_maps", "this release reads version 1, not 2"),
         ({"floors": []}, "floors", "no floor is listed"),
-        ({"colour": "red"}, "colour", "there is no such key"),
         (_listed(1, map=None), "floors[1]", "missing required field `map`"),
-        (_listed(1, map=7), "floors[1].map", "Expected `str`"),
         (_listed(1, map="absent.yaml"), "floors[1].map", "there is no file of that name"),
         (_listed(1, map="../ground.yaml"), "floors[1].map", "must lie in the folder of the file"),
         (_listed(1, map="lab.yaml"), "floors[1].map", "not a map_server file"),
@@ -495,7 +413,6 @@ def _elevator(**change: Any) -> dict[str, Any]:
         ),
         (_listed(1, name="L1"), "floors[1].name", "there is a floor 'L1' already"),
         (_listed(1, level=1), "floors[1]", "level 1 is that of"),
-        (_elevator(size=[0.0, 1.8]), "elevators[0]", "size x must be"),
         (_elevator(at=[11.5, 3.0]), "elevators[0]", "reaches beyond the picture of floor 'L1'"),
         (
             {"elevators": [LIST["elevators"][0], copy.deepcopy(LIST["elevators"][0])]},
@@ -507,25 +424,10 @@ def _elevator(**change: Any) -> dict[str, Any]:
 def test_what_is_wrong_is_named_with_line_and_key(
     change: dict[str, Any], key: str, reason: str, tmp_path: Path
 ) -> None:
-    path = _written(tmp_path, **change)
+    path = written_list(tmp_path, **change)
     with pytest.raises(MapFileError) as caught:
         read_map(path)
     assert caught.value.file == str(path)
     assert caught.value.key == key
     assert reason in caught.value.reason
     assert caught.value.line > 0
-
-
-@settings(max_examples=150, deadline=None)
-@given(st.sampled_from(list(places(LIST))), st.sampled_from(HOSTILE))
-def test_a_hostile_value_anywhere(
-    tmp_path_factory: pytest.TempPathFactory, place: tuple[Any, ...], change: Any
-) -> None:
-    folder = tmp_path_factory.mktemp("hostile")
-    path = _written(folder)
-    path.write_bytes(written(changed(LIST, place, change)))
-    try:
-        assert validation.problems(read_map(path).building) == []
-    except MapFileError as error:
-        assert error.line >= 1
-        assert len(str(error)) < 2_000

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 from PIL import Image
 
@@ -127,28 +128,18 @@ def _polygons(region: np.ndarray, max_points: int = MAX_RING_POINTS) -> list[sha
     return [shapely.Polygon(solid.points) for solid in solids(region, max_points)[0]]
 
 
-def _check(region: np.ndarray, max_points: int = MAX_RING_POINTS) -> None:
+@settings(max_examples=300, deadline=None)
+@given(REGIONS, st.sampled_from([8, MAX_RING_POINTS, MAX_RING_POINTS]))
+def test_any_region_is_covered_by_simple_polygons(region: np.ndarray, max_points: int) -> None:
     polygons, cells = _polygons(region, max_points), _squares(region)
     assert all(polygon.is_valid and polygon.area > 0 for polygon in polygons)
+    assert all(len(polygon.exterior.coords) - 1 <= max_points for polygon in polygons)
     union = shapely.union_all(polygons)
     assert cells.difference(union).area < 1e-9
     assert union.difference(cells.buffer(0.5 + 1e-9)).area < 1e-9
 
 
-@settings(max_examples=300, deadline=None)
-@given(REGIONS)
-def test_any_region_is_covered_by_simple_polygons(region: np.ndarray) -> None:
-    _check(region)
-
-
-@settings(max_examples=60, deadline=None)
-@given(REGIONS)
-def test_large_polygons_are_cut(region: np.ndarray) -> None:
-    _check(region, max_points=8)
-    assert all(len(solid.points) <= 8 for solid in solids(region, 8)[0])
-
-
-def test_a_grid_of_rooms_is_a_few_combs() -> None:
+def test_a_grid_of_rooms_is_a_few_combs_and_what_is_diagonal_is_straight() -> None:
     region = np.ones((81, 81), bool)
     for row in range(8):
         for column in range(8):
@@ -156,18 +147,11 @@ def test_a_grid_of_rooms_is_a_few_combs() -> None:
     polygons = _polygons(region)
     assert len(polygons) == 9
     assert shapely.union_all(polygons).equals(_squares(region))
-
-
-def test_a_diagonal_staircase_is_a_straight_line() -> None:
     row, column = np.indices((40, 40))
-    (ring,) = rings((row > column) & (row < 38) & (column > 1))
-    assert len(ring.points) <= 6
-
-
-def test_a_diagonal_row_of_cells_is_one_solid() -> None:
-    (polygon,) = _polygons(np.pad(np.eye(20, dtype=bool), 2))
-    assert polygon.area == pytest.approx(20 + 19)
-    assert len(polygon.exterior.coords) == 7
+    (staircase,) = rings((row > column) & (row < 38) & (column > 1))
+    assert len(staircase.points) <= 6
+    (diagonal,) = _polygons(np.pad(np.eye(20, dtype=bool), 2))
+    assert (diagonal.area, len(diagonal.exterior.coords)) == (pytest.approx(20 + 19), 7)
 
 
 def test_a_diagonal_passage_of_one_cell_keeps_its_width() -> None:
