@@ -1,5 +1,5 @@
 """Events of any type through all kinds of clients and channels, value for value: of IDL types drawn at random, of types
-that only a client has stubs of, and of those that omniORBpy can't read, which are refused.
+that only a client has stubs of.
 
 ANY_DRAWS=2000 pytest tests/system/test_event_any_types.py draws more types, ANY_SEED=1 others."""
 
@@ -21,8 +21,6 @@ from omniORB import tcInternal as tc
 
 from robocorba.events.corba.event_client import EventClient
 from robocorba.orb.bounded_any import TC_ANY, invoke
-from robocorba.system.supervision.launch import ChildProcess
-from testkit.fuzzing.wire import OCTETS, in_turn
 from testkit.random_anys import RandomAnys, content
 from tests.system.event_place import QUEUE, EventConsumer, Place, PushConsumer, clauses, open_place
 from tests.system.test_cpp_clients import OMNIIDL, has_cpp, run_clean
@@ -35,10 +33,6 @@ HERE = Path(__file__).parent
 IDL = HERE.parents[1] / "idl"
 #: omniORBpy omits the repository id before the members of an exception, so that programs in C++ can't read it.
 NO_EXCEPTIONS = [tc.tv_except]
-#: The type of a valuetype without members.
-VALUE = tc.createTypeCode(
-    (tc.tv_value, omniORB.UnknownValueBase, "IDL:Foreign/Val:1.0", "Val", CORBA.VM_NONE, None, tc.tv_null)
-)
 
 
 @pytest.fixture(scope="module")
@@ -111,26 +105,6 @@ def test_a_value_of_any_type_comes_unchanged_to_every_client(place: Place, refer
             expected = content(value)
             for way, came in receiver.next().items():
                 assert came == (expected[2] if way == "value in EventClient" else expected), (number, way)
-    supplier.disconnect_push_consumer()
-
-
-def test_a_value_of_any_type_is_what_a_bare_servant_reads(place: Place, reference: Any) -> None:
-    """Without wide characters, which omniORBpy does not read."""
-    bare = place.client("any_consumer", "bare")
-    assert bare.stdout
-    consumer = place.orb.reference(bare.stdout.readline().strip(), CosEventComm.PushConsumer)
-    source = place.channel("lab").for_consumers().obtain_push_supplier()
-    source.connect_push_consumer(consumer)
-    supplier = place.supplier()
-    drawn = RandomAnys(Random(SEED + 1), [reference], without=[tc.tv_wchar])
-    for number in range(DRAWS):
-        value = drawn.any()
-        consumer.push(value)
-        directly = bare.stdout.readline()
-        assert directly == f"{content(value)}\n"
-        supplier.push(value)
-        assert bare.stdout.readline() == directly, number
-    source.disconnect_push_supplier()
     supplier.disconnect_push_consumer()
 
 
@@ -236,53 +210,3 @@ def test_values_come_unchanged_to_a_client_that_knows_their_types(
     with pytest.raises(CORBA.MARSHAL):  # it needs stubs
         supplier.push(CORBA.Any(foreign._tc_Boxed, foreign.Point(1.0, 2.0)))
     assert place.balanced_states("values")
-
-
-# ---- events that nobody can read ----
-
-
-def ulongs(*numbers: int) -> Any:
-    """Numbers one after the other, in one array."""
-    return (tc.tv_array, tc.tv_ulong, len(numbers)), list(numbers)
-
-
-def nested_types(count: int) -> Any:
-    """The beginning of sequences of sequences, each an encapsulation in big-endian order."""
-    sizes = [8 + 16 * number for number in range(count, 0, -1)]
-    return ulongs(*(number for size in sizes for number in (tc.tv_sequence, size, 0)), *[0] * (count + 2))
-
-
-@pytest.fixture(scope="module")
-def reader(place: Place) -> ChildProcess:
-    """A process that gets such events, and goes on."""
-    return place.client("any_consumer")
-
-
-@pytest.fixture(scope="module")
-def consumer(place: Place, reader: ChildProcess) -> Any:
-    assert reader.stdout
-    return place.orb.reference(reader.stdout.readline().strip(), CosEventComm.PushConsumer)
-
-
-@pytest.mark.parametrize(
-    ("descriptor", "value"),
-    [
-        in_turn(ulongs(*[tc.tv_any] * 1_000_000, tc.tv_null)),
-        in_turn(nested_types(10_000)),
-        in_turn((tc.tv_ulong, tc.tv_struct), (OCTETS, bytes(40))),
-        in_turn((tc.tv_ulong, tc.tv_objref), (OCTETS, b"\1" + bytes(43))),
-        in_turn((tc.tv_ulong, tc.tv_fixed), (tc.tv_ushort, 0), (tc.tv_short, 0), (OCTETS, bytes(40))),
-        in_turn((tc.tv_TypeCode, CORBA.TC_Object), (OCTETS, b"\xff\xfe\0"), (tc.tv_ulong, 0)),
-        in_turn((tc.tv_TypeCode, VALUE), ulongs(0x7FFFFF06, 0)),
-    ],
-    ids=["anys", "types", "empty text", "empty texts", "fixed", "reference", "value"],
-)
-def test_an_event_that_nobody_can_read_is_refused(
-    reader: ChildProcess, consumer: Any, descriptor: Any, value: Any
-) -> None:
-    _, returned, raised = CosEventComm.PushConsumer._d_push
-    with pytest.raises(CORBA.MARSHAL):
-        consumer._obj.invoke("push", ((descriptor,), returned, raised), (value,))
-    consumer.push(CORBA.Any(CORBA.TC_any, CORBA.Any(CORBA.TC_string, "ナビ")))
-    assert reader.stdout and "ナビ" in reader.stdout.readline()
-    assert reader.poll() is None

@@ -1,12 +1,10 @@
-"""Four channels in every shape: who gets what, how often, and what the links say of it."""
+"""Four channels: who gets what, how often, and what the links say of it."""
 
 from __future__ import annotations
 
-import contextlib
-import math
 import operator
-import threading
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from omniORB import CORBA
@@ -20,13 +18,8 @@ from tests.waits import outlast, stays
 
 pytestmark = pytest.mark.system
 
-SHAPES = {
-    "mesh": ("AB", "AC", "AD", "BC", "BD", "CD"),
-    "ring": ("AB", "BC", "CD", "AD"),
-    "diamond": ("AB", "AC", "BD", "CD"),
-    "chain": ("AB", "BC", "CD"),
-    "star": ("AB", "AC", "AD"),
-}
+#: The others are tested without processes.
+SHAPES = {"mesh": ("AB", "AC", "AD", "BC", "BD", "CD"), "diamond": ("AB", "AC", "BD", "CD")}
 
 
 @pytest.fixture(scope="module")
@@ -51,31 +44,6 @@ def linked(at: Channels, *types: str) -> Consumer:
     return consumer
 
 
-@contextlib.contextmanager
-def talking(federation: Channels, *names: str, count: float = math.inf) -> Iterator[list[int]]:
-    """Numbers that are pushed one by one, at all of these channels at the same time, until the `with` ends. count: how
-    many at each. What is yielded has those of the first channel."""
-    said: dict[str, list[int]] = {name: [] for name in names}
-    stop = threading.Event()
-
-    def talk(name: str) -> None:
-        while len(said[name]) < count and not stop.wait(0.002 if count == math.inf else 0.0):
-            federation.clients[name].push("t", len(said[name]))
-            said[name].append(len(said[name]))
-
-    speakers = [threading.Thread(target=talk, args=(name,)) for name in names]
-    for speaker in speakers:
-        speaker.start()
-    try:
-        yield said[names[0]]
-    finally:
-        if count == math.inf:
-            stop.set()
-        for speaker in speakers:
-            speaker.join(LIMIT_S)
-            assert not speaker.is_alive()
-
-
 def check_got(consumers: dict[str, Consumer], said: dict[str, list[int]]) -> None:
     """Each consumer gets exactly one copy of everything, in order."""
 
@@ -93,8 +61,13 @@ def test_each_consumer_gets_exactly_one_copy(at: Channels, shape: tuple[str, ...
     at.shape(*shape)
     consumers = {name: Consumer(client, ()) for name, client in at.clients.items()}
     at.wait_reaches(consumers, "ABCD")
-    with talking(at, *"ABCD", count=100):
-        pass
+
+    def talk(name: str) -> None:
+        for number in range(100):
+            at.clients[name].push("t", number)
+
+    with ThreadPoolExecutor() as speakers:
+        list(speakers.map(talk, "ABCD"))
     check_got(consumers, {name: list(range(100)) for name in "ABCD"})
     at.check_links(*shape)
 
@@ -134,25 +107,6 @@ def test_a_conjunction_of_a_local_and_a_remote_event_comes_true_once_for_each_pa
     ]
     assert [link.peer for link in at.channel("B").state().links] == ["A", "A"]
     at.check_links("AB")
-
-
-def test_a_change_of_subscriptions_loses_nothing_and_accounts_stay_exact(at: Channels) -> None:
-    at.shape("AB", "BC")
-    consumer = Consumer(at.clients["C"], ("t", "probe"))
-    at.wait_reaches({"C": consumer}, "AB")
-    with talking(at, "A") as said:
-        changes = 0
-        while changes < 40 or len(said) < 100:
-            consumer.subscription.change("t", "probe", f"x{changes}")
-            other = Consumer(at.clients["C"], ("t", f"y{changes}"))
-            other.subscription.end()
-            changes += 1
-            assert all(Counts.of(link.events).is_exact for name in "ABC" for link in at.links(name).values())
-    check_got({"C": consumer}, {"A": said})
-    at.check_links("AB", "BC")
-    probes = len(consumer.payloads("A", "probe"))
-    assert at.incoming("C", "B").events.received == len(said) + probes + len(consumer.payloads("B", "probe"))
-    assert at.outgoing("B", "C").lag == 0.0
 
 
 def test_a_channel_that_was_suspended_gets_all_it_missed_once_but_the_expired(at: Channels) -> None:
