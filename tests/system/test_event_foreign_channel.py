@@ -11,7 +11,7 @@ from typing import Any
 
 import CosEventChannelAdmin
 import pytest
-from omniORB import CORBA, tcInternal
+from omniORB import CORBA
 
 from robocorba.events.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba
@@ -19,6 +19,8 @@ from testkit.processes import eventually
 from tests.system.event_place import Place, PushConsumer, open_place, text
 from tests.waits import stays
 
+#: Where the naming service has our channels.
+CHANNELS = "RoboCorba/EventChannels"
 COMMANDS = {name: shutil.which(name) for name in ("eventc", "eventf", "events", "rmeventc")}
 OMNIEVENTS = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin")
 pytestmark = [
@@ -181,22 +183,6 @@ def test_a_foreign_channel_that_was_killed_is_joined_again(linked: OmniEvents) -
     stays(lambda: lab.got().count("after") == 1, 0.3)
 
 
-def test_an_event_that_is_refused_does_not_end_the_link(linked: OmniEvents) -> None:
-    """omniEvents disconnects a consumer that refuses an event."""
-    lab = Client(linked.place, linked.place.channel("lab"))
-    descriptor = CORBA.TC_string._d
-    for _ in range(80):  # deeper than our end accepts
-        descriptor = (tcInternal.tv_sequence, descriptor, 0)
-    linked.place.supplier(linked.channel()).push(CORBA.Any(tcInternal.createTypeCode(descriptor), []))
-    eventually(lambda: linked.link()[0].reconnects == 1, what="another connection")
-    linked.wait_linked()
-    there = Client(linked.place, linked.channel())
-    there.say("after")
-    lab.say("back")
-    for client in (lab, there):
-        eventually(lambda client=client: {"after", "back"} <= set(client.got()), what="both events")
-
-
 def test_a_foreign_channel_needs_its_address(linked: OmniEvents) -> None:
     lab = linked.place.channel("lab")
     with pytest.raises(RoboCorba.InvalidPeer) as refused:
@@ -234,7 +220,7 @@ def test_events_records_and_plays_back(foreign: OmniEvents) -> None:
             recorder.wait(60.0)
     consumer = PushConsumer()
     proxy = place.push_to(consumer, desk)
-    play = foreign.command("events", "-s", "-n", "RoboCorba/EventChannels/desk")
+    play = foreign.command("events", "-s", "-n", f"{CHANNELS}/desk")
     with tape.open("rb") as file, subprocess.Popen(play, stdin=file, stdout=subprocess.DEVNULL) as player:
         try:
             # More than the first one it does not play back within seconds, to a channel of omniEvents neither.
@@ -244,33 +230,21 @@ def test_events_records_and_plays_back(foreign: OmniEvents) -> None:
     proxy.disconnect_push_supplier()
 
 
-def bound(place: Place, name: str) -> Any:
-    """Another channel, which the naming service knows."""
-    place.begin(name)
-    return place.orb.resolve(f"EventChannels/{name}", RoboCorba.EventChannel)
-
-
-@pytest.mark.parametrize("from_ours", [True, False])
-def test_eventf_joins_our_channel_and_one_of_omnievents(foreign: OmniEvents, from_ours: bool) -> None:
-    place, name = foreign.place, f"eventf{from_ours}"
-    channels = [bound(place, name), foreign.channel()]
-    names = (f"RoboCorba/EventChannels/{name}", "foreign")
-    uris = [f"corbaname::127.0.0.1:{place.port}#{end}" for end in names]
-    if not from_ours:
-        uris, channels = uris[::-1], channels[::-1]
-    joined = foreign.run("eventf", *uris)
+def test_eventf_joins_our_channel_and_one_of_omnievents_and_rmeventc_destroys_ours(foreign: OmniEvents) -> None:
+    place = foreign.place
+    place.begin("joined")
+    ours = place.orb.resolve("EventChannels/joined", RoboCorba.EventChannel)
+    joined = foreign.run(
+        "eventf", *(f"corbaname::127.0.0.1:{place.port}#{end}" for end in (f"{CHANNELS}/joined", "foreign"))
+    )
     assert joined.returncode == 0, joined.stderr
-    consumer, supplier = PushConsumer(), place.supplier(channels[0])
-    place.push_to(consumer, channels[1])
+    there, here, supplier = PushConsumer(), PushConsumer(), place.supplier(ours)
+    place.push_to(there, foreign.channel())
+    place.push_to(here, ours)
     for number in range(20):
         supplier.push(text(str(number)))
-    eventually(lambda: consumer.got == [str(number) for number in range(20)])
-
-
-def test_rmeventc_destroys_the_channel(foreign: OmniEvents) -> None:
-    consumer, place = PushConsumer(), foreign.place
-    place.push_to(consumer, bound(place, "gone"))
-    removed = foreign.run("rmeventc", "-n", "RoboCorba/EventChannels/gone")
+    eventually(lambda: there.got == [str(number) for number in range(20)])
+    removed = foreign.run("rmeventc", "-n", f"{CHANNELS}/joined")
     assert removed.returncode == 0, removed.stderr
-    eventually(lambda: consumer.disconnections == 1)
-    eventually(place.channel("gone")._non_existent)  # its object stays active until `destroy` has returned
+    eventually(lambda: here.disconnections == 1)
+    eventually(ours._non_existent)  # its object stays active until `destroy` has returned

@@ -28,11 +28,10 @@ from tests.system.event_place import (
     PullSupplier,
     PushConsumer,
     clauses,
-    in_background,
     open_place,
     text,
 )
-from tests.waits import head_start, pause
+from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 #: Of the channels.
@@ -176,21 +175,6 @@ def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(lab: 
     # close after the connections. The others can only be what was in the queue of the process that was killed.
     assert len(reported) <= 2
     assert len(missing - set(reported)) <= 2
-
-
-def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(lab: Lab) -> None:
-    proxy = lab.channel.for_consumers().obtain_pull_supplier()
-    proxy.connect_pull_consumer(None)
-    pull = in_background(proxy.pull)
-    head_start(0.2)
-    lab.restart(signal.SIGTERM)
-    answer = pull.result() if pull.done() else None
-    assert answer is None or isinstance(answer, CORBA.TRANSIENT | CORBA.COMM_FAILURE)
-    with lab.client("A") as robot:
-        again(lambda: robot.push("t", 1))
-    if answer is not None:
-        pull = in_background(lambda: again(proxy.pull))
-    assert isinstance(pull.result(60.0).value(), RoboCorba.Event)
 
 
 # ---- consumers to which nobody can connect: the channel calls them over their own connection ----

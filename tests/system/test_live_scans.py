@@ -1,5 +1,5 @@
 """What the sensors of virtual and actual robots see, in the console and `robocorba watch`; without viewers none is
-asked."""
+asked. And how the console sends a program to the computer of an actual one."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import json
 import re
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from robocorba.orb.orb import Orb
 from robocorba.robot.corba.adaptor_servant import SensingAdaptorServant
 from robocorba.robot.senses import Ranges
 from robocorba.stubs import RoboCorba
+from robocorba.system.claimed_ports import claimed_ports
 from testkit.actual_robot import running_stand_in
 from testkit.browser import chromium, headless
 from testkit.buildings import two_floors, with_all
@@ -167,3 +169,49 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
                 page.get_by_role("button", name="Lasers and proximity").click()
                 sync.expect(page.get_by_label("Rays of sensors")).to_have_count(0)
         assert troubles == []
+
+
+@pytest.mark.skipif(not chromium(), reason="there is no chromium on this machine")
+def test_a_program_goes_to_the_computer_of_a_robot(place: Place, tmp_path: Path) -> None:
+    """A virtual robot checks it. The form tells what it has found, and remembers the address."""
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright, which moves the browser, is not installed")
+    from tests.system.test_console_in_browser import operator
+
+    with (
+        running_stand_in(tmp_path / "robot", orb=place.orb) as robot,
+        claimed_ports() as port,
+        operator(chromium() or "", place.address) as user,
+        user.telling(),
+    ):
+        alone = ("--agent-only", "--endpoint", f"127.0.0.1:{port}", "--adaptor", "smartpal")
+        where = ("--floor", "L1", "--at", "4.9,8.0,0", *alone, "--", "--naming", str(robot.naming))
+        with robot_process(tmp_path, place.orb, "U", *where):
+            user.open("Program")
+            page, host = user.page, "Host of the robot's computer"
+            page.get_by_label("Robot", exact=True).select_option("V")
+            page.get_by_label("Name of the program").fill("wave")
+            user.add("mhand_posture", hand="left", posture="carry")
+            user.button("Upload").click()
+            sync.expect(user.button("Test")).to_be_disabled()
+            page.get_by_label(host).fill("127.0.0.1")
+            page.get_by_label("Port of the robot's computer").fill(str(port))
+            user.button("Test").click()
+            panel = page.get_by_label("Upload to the robot's computer")
+            sync.expect(panel).to_contain_text("U answers: adaptor smartpal, no range sensors, waiting for an order")
+            user.button(re.compile("^Upload and run")).click()
+            sync.expect(panel).to_contain_text("U has upload 1 and runs it")
+
+            def is_reported() -> bool:
+                user.button("Test").click()
+                return "wave: done, 1 icon done" in (panel.text_content() or "")
+
+            eventually(is_reported, PATIENCE_S, "the report")
+            page.reload()
+            user.button("Upload").click()
+            sync.expect(page.get_by_label(host)).to_have_value("127.0.0.1")
+            user.button("Switch to actual").click()
+            sync.expect(page.get_by_label("Host of the robot's naming service")).to_have_value("")
+            sync.expect(page.get_by_label("Adaptor", exact=True)).to_have_value("smartpal")
+            page.get_by_label("Adaptor", exact=True).select_option("corba")
+            sync.expect(page.get_by_label("Reference of the adaptor")).to_be_visible()
+            assert not user.troubles

@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import os
-import struct
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -33,7 +31,6 @@ from testkit.simulation import (
     simulation,
     speed_of,
 )
-from tests.waits import pause
 
 pytestmark = pytest.mark.system
 
@@ -119,19 +116,6 @@ def test_a_place_a_name_and_a_slot_are_for_one_robot(place: Place) -> None:
         place.log_on("c", 6.0, 14.0)
     assert (full.value.limit, full.value.now) == (1, 1)
     assert 0.0 < full.value.retryAfter <= b._get_lease()
-
-
-def test_a_robot_that_logs_off_is_gone_at_once(place: Place) -> None:
-    before = place.log_on("a", *HALL)
-    before.deregister()
-    assert (place.names, state_of(place).robots, place.body("L1", "a")) == (set(), 0, None)
-    a = place.log_on("a", *HALL)
-    for call in (before.state, before.release, before.deregister, lambda: before.command(AHEAD, 5.0)):
-        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
-            call()
-    began = a.state().time
-    eventually(lambda: a.state().time > began + 0.5)
-    assert (a.state().at.x, speed_of(a.state())) == (HALL[0], 0.0)
 
 
 def test_nobody_can_guess_the_reference_of_a_session(place: Place) -> None:
@@ -238,34 +222,6 @@ def test_the_administrator_places_robots_and_objects(place: Place) -> None:
     place.administrator.place(CHAIR, RoboCorba.Pose("L1", *(float(before[each]) for each in ("x", "y", "heading"))))
 
 
-def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -> None:
-    a, administrator = place.log_on("a", *HALL), place.administrator
-    eventually(lambda: passed(place, 0.4) == pytest.approx(0.4 * PACE, rel=0.3), what="the pace")
-    administrator.pause()
-    began = state_of(place)
-    a.command(AHEAD, 1.0)
-    assert began.paused
-    administrator.step(25)
-    assert state_of(place).time == pytest.approx(began.time + 0.5)
-    assert (a.state().time, a.state().moving.ahead) == (state_of(place).time, pytest.approx(1.0))
-    administrator.resume()
-    administrator.setPace(0.01)  # a step in 2 s
-    assert passed(place, 0.2) <= 0.02 + 1e-9
-    administrator.setPace(1.0)
-    eventually(lambda: passed(place, 0.2) > 0.05)
-    administrator.setPace(0.0)
-    eventually(lambda: passed(place, 0.4) > 0.4 * 1.5)  # far more, unless others want the machine as well
-    assert (state_of(place).pace, state_of(place).paused) == (0.0, False)
-
-
-def passed(place: Place, seconds: float) -> float:
-    """Simulated seconds in so many."""
-    began, before = time.monotonic(), state_of(place).time
-    pause(seconds)
-    after = state_of(place).time
-    return float(after - before) * seconds / (time.monotonic() - began)
-
-
 def test_what_changes_is_told_on_the_event_channel(place: Place) -> None:
     heard: list[Event] = []
     with EventClient(place.orb, "main") as client:
@@ -342,28 +298,3 @@ def test_an_edit_of_the_map_stands_in_the_way(place: Place) -> None:
     eventually(lambda: state_of(place).mapVersion == version)
     a.command(AHEAD, 5.0)
     eventually(lambda: a.state().at.x > x + far, what="the way is free again")
-
-
-def test_a_floor_is_drawn_as_wide_as_it_is_wanted(place: Place) -> None:
-    pair(place)
-    for floor, width in (("L1", 640), ("L5", 200), ("L1", 4096)):
-        png = bytes(place.server.renderFloor(floor, width))
-        assert (png[:8], struct.unpack(">I", png[16:20])) == (b"\x89PNG\r\n\x1a\n", (width,))
-    for floor, width, error in (("L9", 640, RoboCorba.UnknownFloor), ("L1", 4097, RoboCorba.InvalidPicture)):
-        with pytest.raises(error):
-            place.server.renderFloor(floor, width)
-
-
-def test_missions_are_kept_by_version(place: Place) -> None:
-    database, record = place.database, RoboCorba.MissionRecord
-    assert database.putMission(record("fetch", 0, b"one")) == 1
-    assert database.putMission(record("fetch", 1, b"two")) == 2
-    with pytest.raises(RoboCorba.StaleMission) as refused:
-        database.putMission(record("fetch", 1, b"three"))
-    assert (refused.value.expected, refused.value.current) == (1, 2)
-    found = [(mission.name, mission.current, bytes(mission.document)) for mission in database.missions()]
-    assert found == [("fetch", 2, b"two")]
-    database.removeMission("fetch")
-    assert database.missions() == []
-    with pytest.raises(RoboCorba.UnknownMission):
-        database.removeMission("fetch")
