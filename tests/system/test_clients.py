@@ -44,18 +44,6 @@ def place(words: tuple[str, str, str]) -> str:
     return f"{words[0]}:{words[1]},{words[2]}"
 
 
-def test_the_small_client(system: Running, launch: Launcher) -> None:
-    module = module_command("robocorba.clients.get_path")
-    code, out, err = run(launch, *module, *WEST, *EAST, str(system.naming))
-    assert (code, err) == (0, "")
-    first, *_, last = out.splitlines()
-    assert first.startswith("   0.0 s  L1:3.00,3.00  START")
-    assert "L1:15.00,3.00  GOAL" in last
-    code, out, err = run(launch, *module, *WEST, *WALLED, str(system.naming))
-    assert (code, out) == (1, "")
-    assert err.startswith("no path: ") and "NotFree" in err and "Traceback" not in err
-
-
 def test_the_command_prints_and_draws(system: Running, launch: Launcher, tmp_path: Path) -> None:
     naming = ("--naming", str(system.naming))
     code, out, err = run(launch, ROBOCORBA, "path", place(WEST), "L2:14,3", "--picture", "path.png", *naming)

@@ -5,14 +5,11 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import json
 import math
 import time
-import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -26,7 +23,7 @@ from robocorba.robot.programs.program import dumps
 from robocorba.simulation.mission_record import MissionResult
 from robocorba.stubs import RoboCorba
 from testkit.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
-from testkit.processes import ROBOCORBA, Launcher, Running, eventually, running_system
+from testkit.processes import Launcher, Running, eventually, running_system
 from testkit.simulation import GONE
 from tests.system.wrong_clocks import HOUR_S, JUMPS_S, YEAR_S, Clocks, wrong_clocks
 
@@ -34,7 +31,7 @@ pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow]
 
 #: Timeout of what takes a second or two [s].
 LIMIT_S = 60.0
-SERVERS = ("omniNames", "map_editor", "simulation", "sensor_s1", "events_lab", "events_hall", "console")
+SERVERS = ("omniNames", "map_editor", "simulation", "sensor_s1", "events_lab", "events_hall")
 #: E leads, F carries the desk with it, and A leaves it alone; how far the clocks are ahead when they start [s].
 ROBOTS = {
     "E": (RobotStart(0.7, 6.6, 0.0, "lab"), YEAR_S),
@@ -93,10 +90,9 @@ class Place(MissionSystem):
         eventually(lambda: any(event.payload == number for event in list(self._events)), LIMIT_S, f"event {number}")
 
     def check_servers(self) -> None:
-        """An event arrives, an edit is planned with, and the console serves its page."""
+        """An event arrives, and an edit is planned with."""
         self.check_event()
         eventually(self._has_edited, LIMIT_S, "an edit")
-        eventually(self._is_served, LIMIT_S, "the console's page")
 
     def drive(self) -> None:
         """A robot does a program to its end."""
@@ -105,14 +101,6 @@ class Place(MissionSystem):
         agent.run()
         eventually(lambda: agent.state().program.result is not ProgramResult.NO_RESULT, LIMIT_S, "the program's end")
         assert agent.state().program.result is ProgramResult.DONE
-
-    def status(self) -> list[dict[str, Any]]:
-        """What `robocorba status` prints of each process."""
-        process = self._launch(ROBOCORBA, "status", "--json", "--state", str(self.running.state))
-        out, err = process.communicate(timeout=LIMIT_S)
-        assert process.returncode == 0, err
-        found: list[dict[str, Any]] = json.loads(out)["processes"]
-        return found
 
     def _has_pushed(self, number: int) -> bool:
         with contextlib.suppress(Unconfirmed, NotReachable, *GONE):
@@ -126,12 +114,6 @@ class Place(MissionSystem):
         with contextlib.suppress(*GONE):
             self._editor.create(FLOOR, RoboCorba.Element(aWall=RoboCorba.Wall(f"new-{number}", *ends, 2.0)))
             return bool(self._planner.getPath(RoboCorba.Point(FLOOR, 7.0, 1.0), RoboCorba.Point(FLOOR, 9.0, 1.0)))
-        return False
-
-    def _is_served(self) -> bool:
-        endpoint = next(each.endpoint for each in self.running.record().processes if each.name == "console")
-        with contextlib.suppress(OSError), urllib.request.urlopen(f"http://{endpoint}/", timeout=5.0) as page:
-            return b"RoboCorba" in page.read()
         return False
 
     @contextlib.contextmanager
@@ -163,9 +145,6 @@ def set_clocks(place: Place) -> None:
             place.check_servers()
             program.result(LIMIT_S)
             assert place.log_ons() == since, name
-    place.clocks.set_others(YEAR_S)  # of `robocorba status`
-    assert {(each["state"], 0.0 < each["uptime_s"] < HOUR_S) for each in place.status()} == {("running", True)}
-    place.clocks.set_others(0.0)
 
 
 def restart_with_wrong_clocks(place: Place) -> None:
@@ -183,7 +162,7 @@ def restart_with_wrong_clocks(place: Place) -> None:
 @pytest.mark.timeout(1800)
 def test_all_goes_on_with_clocks_that_are_wrong_and_set(tmp_path: Path) -> None:
     """The leader's computer is a year ahead when it starts, and its member's a year behind."""
-    more = ("--building", str(save_three_rooms(tmp_path)), "--subnets", "lab,hall", "--console", "--console-port", "0")
+    more = ("--building", str(save_three_rooms(tmp_path)), "--subnets", "lab,hall")
     with (
         wrong_clocks(tmp_path) as clocks,
         running_system(tmp_path, *more, "--sensors", "1") as (running, launch),

@@ -7,10 +7,8 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from omniORB import CORBA
 
 from robocorba.events.corba.event_client import Event
-from robocorba.events.event import MAX_PAYLOAD_BYTES
 from robocorba.stubs import RoboCorba
 from testkit.federation import LIMIT_S, Channels, Consumer, Counts, channels
 from testkit.processes import eventually
@@ -133,39 +131,6 @@ def test_a_channel_that_was_suspended_gets_all_it_missed_once_but_the_expired(at
     assert sum(account.expired for account in accounts) >= 200
 
 
-def test_wrong_addresses_are_told_in_the_state_of_the_link(at: Channels) -> None:
-    at.shape("AB")
-    naming = f"127.0.0.1:{at.port}"
-    wrong = {
-        "nowhere": ("127.0.0.1:1", "ConnectFailed"),
-        "another": (at.address("B"), "there is no channel 'another' at this address"),
-        "misnamed": (f"corbaloc::{at.address('B')}/EventChannels/B", "the channel there is 'B', not 'misnamed'"),
-        "itself": (f"corbaloc::{at.address('A')}/EventChannels/A", "the channel there is 'A', not 'itself'"),
-        "naming": (f"corbaloc::{naming}/NameService", "what is at this address is no event channel"),
-        "garbage": ("no uri", "leads to no object"),
-        "unbound": ("", f"the naming service at {naming} does not know it"),
-    }
-    for name, (address, _) in wrong.items():
-        at.channel("A").addPeer(RoboCorba.PeerAddress(name, address, False))
-    problems: dict[str, str] = {}
-
-    def all_told() -> bool:
-        problems.update({name: at.incoming("A", name).problem for name in wrong})
-        return all(expected in problems[name] for name, (_, expected) in wrong.items())
-
-    eventually(all_told, LIMIT_S, "all problems")
-    assert at.is_up("AB")
-    for name in wrong:
-        at.channel("A").removePeer(name)
-    assert [peer.name for peer in at.channel("A").peers()] == ["B"]
-
-    # A peer at a new address is found there.
-    at.channel("A").addPeer(RoboCorba.PeerAddress("B", "127.0.0.1:1", False))
-    eventually(lambda: "ConnectFailed" in at.incoming("A", "B").problem, LIMIT_S, "the wrong address")
-    at.channel("A").addPeer(RoboCorba.PeerAddress("B", at.address("B"), False))
-    eventually(lambda: at.is_up("AB"), LIMIT_S, "the link again")
-
-
 @pytest.mark.parametrize("victim", ["A", "B"])
 def test_a_killed_end_comes_back_without_duplicates(at: Channels, victim: str) -> None:
     """A supplies B; what is said before and after the kill arrives once, and numbers rise."""
@@ -200,23 +165,6 @@ def test_a_channel_ends_in_order_while_its_peer_hangs(at: Channels) -> None:
     at.spawn("A")
     at.wait_ready("A")
     eventually(lambda: at.is_up("AB"), LIMIT_S, "the link")
-
-
-def test_an_event_that_no_link_can_carry_is_refused(at: Channels) -> None:
-    consumer = linked(at, "*")
-    plain = at.channel("A").for_suppliers().obtain_push_consumer()
-    plain.connect_push_supplier(None)
-    large = "x" * (MAX_PAYLOAD_BYTES - 100)
-    for text in ("before", large, large, "after"):
-        plain.push(CORBA.Any(CORBA.TC_string, text))
-    with pytest.raises(CORBA.IMP_LIMIT):
-        plain.push(CORBA.Any(CORBA.TC_string, large + large))
-    eventually(lambda: len(consumer.payloads("A", "string")) == 4, LIMIT_S, "all that were accepted")
-    assert consumer.payloads("A", "string") == ["before", large, large, "after"]
-    eventually(lambda: at.outgoing("A", "B").events.queued == 0, LIMIT_S, "all acknowledged")
-    assert Counts.of(at.outgoing("A", "B").events) == Counts(4, 4, 0, 0, 0, 0)
-    assert Counts.of(at.incoming("B", "A").events) == Counts(4, 4, 0, 0, 0, 0)
-    plain.disconnect_push_consumer()
 
 
 def test_a_link_is_down_at_both_ends_while_one_of_them_cannot_be_called(at: Channels) -> None:

@@ -22,12 +22,10 @@ from robocorba.events.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba
 from testkit.processes import ROBOCORBA, eventually, refusal
 from tests.system.event_place import (
-    EventConsumer,
     Place,
     PullConsumer,
     PullSupplier,
     PushConsumer,
-    clauses,
     open_place,
     text,
 )
@@ -114,33 +112,6 @@ def test_references_stay_valid_and_plain_clients_go_on(place: Place, lab: Lab) -
     fresh = admins[1].obtain_push_consumer()
     assert not any(fresh._is_equivalent(proxy) for proxy in (supplier, unconnected, ended))
     pushed.disconnect_push_supplier()
-    assert consumer.disconnections == 1
-
-
-def test_durable_subscriptions_keep_their_set_up_and_numbers_rise(place: Place, lab: Lab) -> None:
-    consumer = EventConsumer()
-    both = [RoboCorba.EventPattern("x", ""), RoboCorba.EventPattern("y", "")]
-    policy = RoboCorba.QueuePolicy(77, RoboCorba.BLOCK_SUPPLIER, 0.5)
-    wanted = [*clauses("a*"), RoboCorba.Clause(both, 2.0)]
-    proxy = lab.channel.subscribe("log", place.orb.activate(consumer), wanted, policy)
-    with lab.client("B") as robot:
-        robot.push("a1", 1)
-        eventually(lambda: len(consumer.got) == 1)
-        proxy.suspend()
-        before = lab.state("log")
-
-        lab.restart()
-
-        after = lab.state("log")
-        assert repr((after.subscribed, after.queue)) == repr((before.subscribed, before.queue))
-        assert after.condition == RoboCorba.SUSPENDED
-        again(lambda: robot.push("a2", 2))
-        robot.push("b", 3)
-        assert lab.state("log").events.queued == 1
-        proxy.resume()
-        eventually(lambda: [type for _, type, _, _ in consumer.got] == ["a1", "a2"])
-        assert consumer.got[1][0] > consumer.got[0][0]
-    lab.channel.unsubscribe("log")
     assert consumer.disconnections == 1
 
 

@@ -93,7 +93,7 @@ def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> No
     assert into_hall["bytes"] > 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, None])
+@pytest.mark.parametrize("number", [signal.SIGTERM, None])
 def test_tail_ends_and_leaves_nothing(events: Events, number: signal.Signals | None) -> None:
     """By a signal, or when nobody reads it any more."""
     listener = events("tail", "lab", "--json")

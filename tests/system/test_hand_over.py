@@ -118,9 +118,9 @@ def test_a_hand_over_as_it_should_not_be(steps: Sequence[Step], off: dict[str, f
 # ---- the two runs ----
 
 
-def run(folder: Path, kind: str, *options: str) -> None:
-    """A hand-over in a folder, and what it prints and writes."""
-    command = (*module_command("robocorba.clients.hand_over"), str(folder), *options)
+def run(folder: Path, kind: str, *options: str) -> list[Moment]:
+    """A hand-over in a folder, and what it prints and writes; the robots' states."""
+    command = (*module_command("robocorba.clients.hand_over"), str(folder), "--no-film", *options)
     printed: list[str] = []
     with LoggedProcess(folder / "errors", *command, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}) as process:
         while line := process.read_line(LIMIT_S):
@@ -129,29 +129,23 @@ def run(folder: Path, kind: str, *options: str) -> None:
     logged = [line.split(ICON, 1)[1] for line in printed if ICON in line]
     order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
     assert [line for line in logged if line in order] == order
-    check_joints(folder / f"hand-over-{kind}.csv")
     check_recording(folder / f"hand-over-{kind}.mcap")
+    return check_joints(folder / f"hand-over-{kind}.csv")
 
 
 @pytest.mark.system
-@pytest.mark.timeout(3 * LIMIT_S)
-def test_actual_robots_in_servers_that_run(tmp_path: Path) -> None:
-    """On the paper's scene."""
+@pytest.mark.timeout(5 * LIMIT_S)
+def test_virtual_and_actual_robots(tmp_path: Path) -> None:
     (tmp_path / "system").mkdir()
     options = ("--building", str(sample_path(BUILDING)), "--subnets", CHANNEL)
     with running_system(tmp_path / "system", *options) as (system, _):
         run(tmp_path, "actual", "--actual", "--naming", str(system.naming))
-    check_film(tmp_path / "hand-over-actual.mp4")
-
-
-@pytest.mark.system
-@pytest.mark.timeout(3 * LIMIT_S)
-def test_virtual_robots_in_servers_of_their_own(tmp_path: Path) -> None:
-    run(tmp_path, "virtual", "--no-film")
+        moments = run(tmp_path, "virtual", "--naming", str(system.naming))
     assert not list(tmp_path.glob("*.mp4"))
+    check_film(tmp_path / "film.mp4", moments[::10])
 
 
-def check_joints(file: Path) -> None:
+def check_joints(file: Path) -> list[Moment]:
     """Once more, from what was written: who had the sheet when, and where the hands were then."""
     with file.open(newline="") as source:
         rows = list(csv.DictReader(source))
@@ -171,6 +165,7 @@ def check_joints(file: Path) -> None:
     found = facts(moments)
     assert faults(found) == []
     assert found.end_distance_m > HAND_DISTANCE_M + 2 * BASE_RETREAT_M
+    return moments
 
 
 def check_recording(file: Path) -> None:
@@ -191,19 +186,17 @@ def check_recording(file: Path) -> None:
         assert math.dist(places[-1], end) < 0.03
 
 
-def check_film(file: Path) -> None:
-    """It has ten pictures a second, robots move in it, and the sheet goes from the left to the right."""
-    pictures, places = 0, []
+def check_film(file: Path, moments: list[Moment]) -> None:
+    """Robots move in it, and the sheet goes from the left to the right."""
+    hand_over.film(file, moments, facts(moments).released_s)
+    places: list[float] = []
     with av.open(str(file)) as container:
-        for frame in container.decode(container.streams.video[0]):  # one at a time: all of them take gigabytes
-            picture = np.asarray(frame.to_image())
-            if not pictures:
-                first = picture.astype(float)
-            pictures += 1
-            sheet = (picture[..., 0] > 180) & (picture[..., 1] < 80) & (picture[..., 2] > 70)
-            if sheet.sum() > 300:  # it is seen well
-                places.append(np.nonzero(sheet)[1].mean())
-    assert pictures > 100
-    assert np.abs(picture - first).mean() > 1.0
-    assert len(places) > pictures / 2
+        pictures = [np.asarray(frame.to_image()) for frame in container.decode(container.streams.video[0])]
+    for picture in pictures:
+        sheet = (picture[..., 0] > 180) & (picture[..., 1] < 80) & (picture[..., 2] > 70)
+        if sheet.sum() > 300:  # it is seen well
+            places.append(np.nonzero(sheet)[1].mean())
+    assert len(pictures) == (len(moments) + 1) // 2 > 10
+    assert np.abs(pictures[-1].astype(float) - pictures[0]).mean() > 1.0
+    assert len(places) > len(pictures) / 2
     assert places[0] < places[len(places) // 2] < places[-1]

@@ -7,7 +7,7 @@ import contextlib
 import json
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,8 +17,10 @@ import pytest
 from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, MapObject
 from robocorba.orb.orb import Orb
+from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.corba.adaptor_servant import SensingAdaptorServant
-from robocorba.robot.senses import Ranges
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, usual_sensors
 from robocorba.stubs import RoboCorba
 from robocorba.system.claimed_ports import claimed_ports
 from testkit.actual_robot import running_stand_in
@@ -26,7 +28,6 @@ from testkit.browser import chromium, headless
 from testkit.buildings import two_floors, with_all
 from testkit.processes import eventually, read_json, running_system
 from testkit.virtual_and_actual import RobotProcess, robot_process
-from tests.system.test_senses import START, Standing
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
@@ -35,18 +36,40 @@ pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 PATIENCE_S = 120.0
 #: Where the actual robot begins, and its radius; the front of the chair before it [m].
 AT, RADIUS_M, CHAIR_X = (2.5, 5.5, 0.0), 0.4, 4.5
+STANDING_AT = (2.5, 3.0, 0.0)
 
 
-class Counting(Standing):
-    """A driver in this process, and how often its laser was asked."""
+class Counting(RobotAdaptor, Senses):
+    """A driver in this process whose robot stands at STANDING_AT; what its laser measures, and how often it was
+    asked."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.asked = 0
+        self.senses, self.distance_m, self.count, self.asked = self, 8.0, 0, 0
+
+    def start(self, argv: Sequence[str]) -> bool:
+        return True
+
+    def stop(self) -> bool:
+        return True
+
+    def read(self, state: RobotState) -> bool:
+        self.count += 1
+        state.time, (state.x, state.y, state.heading) = 0.02 * self.count, STANDING_AT
+        return True
+
+    def write(self, command: ActorCommand) -> bool:
+        return True
+
+    @property
+    def sensors(self) -> Sequence[RangeSensor]:
+        return usual_sensors()[:1]
 
     def ranges(self, name: str) -> Ranges:
         self.asked += 1
-        return super().ranges(name)
+        return Ranges(0.02 * self.count, np.full(self.sensor(name).spec.fan.count, self.distance_m))
+
+    def readings(self) -> Sequence[Reading]:
+        return ()
 
 
 class Place(NamedTuple):
@@ -91,7 +114,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
             return stack.enter_context(robot_process(folder / name, orb, name, *where, *more))
 
         robot("A", ",".join(map(str, AT)), "--adaptor", "smartpal", "--", "--naming", str(stand_in.naming))
-        robot("C", ",".join(map(str, START)), "--adaptor", "corba", "--", "--uri", uri)
+        robot("C", ",".join(map(str, STANDING_AT)), "--adaptor", "corba", "--", "--uri", uri)
         virtual = robot("V", "8.0,1.0")
         yield Place(orb, running.record().console_address, driver, virtual)
 

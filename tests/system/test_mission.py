@@ -15,9 +15,12 @@ from typing import Any
 
 import pytest
 
+from robocorba.robot.agent_state import ProgramResult
 from robocorba.robot.corba.remote_data_pool import RemotePool
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
 from robocorba.simulation.mission_record import MissionResult
-from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
+from testkit.missions import FLOOR, MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
 from testkit.processes import eventually
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
@@ -194,13 +197,34 @@ class Crew:
 @pytest.mark.timeout(8 * MISSION_LIMIT_S)
 def test_two_crews_whose_robots_and_servers_are_killed(tmp_path: Path) -> None:
     with missions(tmp_path, save_three_rooms(tmp_path), "lab,hall,yard") as place:
-        place.start(TABLE_CREW | DESK_CREW)
+        place.start(TABLE_CREW, "--protect", "on")
+        place.start(DESK_CREW)
         with ThreadPoolExecutor(2) as pool:
             table = pool.submit(Crew(place, TABLE_CREW, "table").carry_table)
             desk = pool.submit(Crew(place, DESK_CREW, "desk").carry_desk)
         table.result()
         desk.result()
+        check_protective_field(place)
         keep_missions_over_a_kill(place)
+
+
+def check_protective_field(place: MissionSystem) -> None:
+    """The crew of the table has it: A and B swap places, and B does not drive into a wall."""
+    collisions, b = place.collisions, place.agent("B")
+    starts = {name: place.body(name)[:2] for name in "AB"}
+    for name, other in ("AB", "BA"):
+        place.agent(name).load(dumps(ProgramBuilder("swap").mbase_path(FLOOR, *starts[other]).program()))
+    for name in "AB":
+        place.agent(name).run()
+    for name in "AB":
+        agent = place.agent(name)
+        eventually(lambda agent=agent: agent.state().program.result is not ProgramResult.NO_RESULT, 240.0, name)
+        assert agent.state().program.result is ProgramResult.DONE, agent.state().program
+    b.load(dumps(ProgramBuilder("into the wall").mbase_velocity(0.0, 0.38, 0.0, 60.0).program()))
+    b.run()
+    eventually(lambda: b.state().program.result is ProgramResult.FAILED, 120.0, "it stands before the wall")
+    assert "sees something 0.0" in b.state().program.reason
+    assert place.collisions == collisions
 
 
 def keep_missions_over_a_kill(place: MissionSystem) -> None:

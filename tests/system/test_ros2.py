@@ -292,24 +292,3 @@ def run_programs(ros: Ros, agent: RemoteAgent) -> None:
     assert ros.trigger(service="/B/reset_stop") == [True, ""]
     assert ros.trigger(service="/B/abort") == [True, ""]
     eventually(lambda: is_idle(agent), PATIENCE_S, "end")
-
-
-def test_it_does_as_its_options_say(
-    start: Callable[..., Any], agents: tuple[RemoteAgent, RemoteAgent], domain: int, tmp_path: Path
-) -> None:
-    start("--robots", "A", "--stamped", "--namespaced-tf", "--floor", "L2", "--resolution", "0.1")
-    with contextlib.closing(Ros(tmp_path, domain)) as ros:
-        ros.subscribe(topic="/map", type="nav_msgs/msg/OccupancyGrid", latched=True)
-        info = eventually(lambda: ros.last("/map"), PATIENCE_S, "map")["info"]
-        assert (info["origin"]["position"]["z"], info["resolution"]) == (4.0, pytest.approx(0.1))
-        if HAS_TF2:
-            ros.subscribe(topic="/A/tf", type="tf2_msgs/msg/TFMessage")
-            frames = [(each["header"]["frame_id"], each["child_frame_id"]) for each in ros.wait("/A/tf")["transforms"]]
-            assert frames[:2] == [("map", "odom"), ("odom", "base_link")]
-
-        def turns() -> bool:
-            twist = {"twist.angular.z": 0.2}
-            ros.publish(topic="/A/cmd_vel", type="geometry_msgs/msg/TwistStamped", message=twist)
-            return agents[0].state().actor.velocity[2] == pytest.approx(0.2, abs=0.01)
-
-        eventually(turns, PATIENCE_S, "turn")

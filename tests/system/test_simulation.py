@@ -20,7 +20,6 @@ from robocorba.simulation.corba.announcer import TYPED_S
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
 from testkit.simulation import (
-    CHAIR,
     CROSS,
     NO_MOUNT,
     RADIUS_M,
@@ -29,7 +28,6 @@ from testkit.simulation import (
     error_lines,
     is_gone,
     simulation,
-    speed_of,
 )
 
 pytestmark = pytest.mark.system
@@ -140,15 +138,6 @@ def test_nobody_can_guess_the_reference_of_a_session(place: Place) -> None:
     assert not is_gone(b)
 
 
-def test_a_robot_that_has_just_logged_on_does_not_see_itself(place: Place) -> None:
-    for number in range(120):
-        a = place.log_on("a", *HALL)
-        ahead = seen_ahead(a._get_sensor(), a.state().at)
-        # A robot 2 m ahead that has just left may still be seen, this robot would be nearer.
-        assert ahead > 1.0, f"robot {number} saw something {ahead:g} m ahead"
-        a.deregister()
-
-
 def seen_ahead(sensor: Any, at: Any) -> float:
     return float(sensor.scan(at, NO_MOUNT, CROSS).distances[0])
 
@@ -173,53 +162,6 @@ def test_many_scans_in_one_call_are_those_of_single_calls(place: Place) -> None:
     assert len({tuple(single) for single in singles}) == len(poses)
     last = eventually(lambda: [scan for scan in place.database.lastScans("L3") if scan.robot == "a"])[0]
     assert (last.at.floor, len(last.seen.distances)) == ("L3", spec.rays)
-
-
-def test_a_viewer_reads_scans_postures_and_reservations_of_a_floor(place: Place) -> None:
-    (a, b), database = pair(place), place.database
-    sensor, at = a._get_sensor(), a.state().at
-    laser, ring, mount = sensor.laser(), sensor.proximity(RADIUS_M), RoboCorba.Mount(0.1, 0.0, 0.5)
-    begun = state_of(place).time
-
-    def found() -> Any:
-        for where, spec in ((NO_MOUNT, laser), (mount, ring)):
-            sensor.scan(at, where, spec)
-        return {len(scan.hits): scan for scan in database.scansSince("L1", begun) if scan.robot == "a"}
-
-    seen = eventually(lambda: len(scans := found()) == 2 and scans)
-    assert (seen[181].at.x, seen[181].where.heading, seen[181].spec.range) == (at.x, 0.0, laser.range)
-    assert (seen[8].where.heading, seen[8].spec.rim, seen[8].spec.range) == (0.5, RADIUS_M, ring.range)
-    for scan in seen.values():
-        assert list(scan.hits) == [distance < scan.spec.range for distance in scan.seen.distances]
-    assert seen[181].hits[90] == 1  # b is ahead
-    assert database.scansSince("L3", 0.0) == database.scansSince("L1", seen[181].seen.time + 1e4) == []
-    b.reportPosture([0.25, -1.0])
-    (posture,) = [posture for posture in database.postures("L1", begun) if posture.robot == "b"]
-    assert posture.joints == [0.25, -1.0]
-    area = RoboCorba.FloorArea("L1", [RoboCorba.XY(*corner) for corner in ((4.0, 10.0), (6.0, 10.0), (6.0, 11.0))])
-    b.reserveAreas([area], 60.0)
-    (record,) = database.reservations()
-    assert (record.robot, record.areas[0].onFloor, record.state.phase) == ("b", "L1", RoboCorba.AREAS_GRANTED)
-    place.let_go()
-    assert database.postures("L1", 0.0) == database.scansSince("L1", 0.0) == database.reservations() == []
-    with pytest.raises(RoboCorba.UnknownFloor):
-        database.scansSince("L9", 0.0)
-
-
-def test_the_administrator_places_robots_and_objects(place: Place) -> None:
-    a, b = pair(place)
-    a.command(AHEAD, 5.0)
-    place.administrator.place("a", RoboCorba.Pose("L3", *HALL, 1.0))
-    at = a.state().at
-    assert (at.floor, at.x, at.y, at.heading) == ("L3", *HALL, pytest.approx(1.0))
-    eventually(lambda: speed_of(a.state()) == 0.0)
-    with pytest.raises(RoboCorba.PlaceTaken):
-        place.administrator.place("a", b.state().at)
-    before = place.body("L1", CHAIR)
-    place.administrator.place(CHAIR, RoboCorba.Pose("L1", *HALL, 0.0))
-    moved = place.body("L1", CHAIR)
-    assert (moved["x"], moved["y"]) == HALL
-    place.administrator.place(CHAIR, RoboCorba.Pose("L1", *(float(before[each]) for each in ("x", "y", "heading"))))
 
 
 def test_what_changes_is_told_on_the_event_channel(place: Place) -> None:

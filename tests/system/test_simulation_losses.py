@@ -20,7 +20,6 @@ from robocorba.map_editor.polygons import FloorArea
 from robocorba.robot.corba.remote_data_pool import PoolFollower
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.simulation.registry import LEASE_S
-from robocorba.simulation.sensor_admission import proof_of, read_token
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
 from testkit.simulation import (
@@ -207,30 +206,3 @@ def test_robots_stay_logged_on_when_all_was_held_up(place: Place) -> None:
     assert robots.names <= place.names
     assert place.pid("simulation") == simulation_server
     robots.kill()
-
-
-def test_a_false_sensor_server_gets_no_robots(place: Place) -> None:
-    server, state = place.server, place.running.state
-    true = place.orb.resolve("VirtualSensors/s1", RoboCorba.VirtualSensor)
-
-    def names() -> list[str]:
-        return [sensor.name for sensor in server.sensors()]
-
-    load = RoboCorba.SensorLoad(0.0, 0.0, 0.0, 0)
-    for name in ("false", "s1"):
-        with pytest.raises(CORBA.NO_PERMISSION):
-            server.reportSensor(name, true, load, [])
-        with pytest.raises(CORBA.NO_PERMISSION):
-            server.reportScans(name, [])
-        with pytest.raises(RoboCorba.SensorRefused, match="token"):
-            server.registerSensor(name, true, "guessed")
-    # A proof that was overheard is good for the reference only that it was made for.
-    token = read_token(state / "sensors.token")
-    with pytest.raises(RoboCorba.SensorRefused):
-        server.registerSensor("false", place.orb.resolve("MapEditor", CORBA.Object), proof_of(token, "false", "other"))
-    assert names() == ["s1", "s2"]
-    assert (state / "sensors.token").stat().st_mode & 0o077 == 0
-    registered = server.registerSensor("more", true, proof_of(token, "more", place.orb.uri(true)))
-    registered.report(load, [])
-    assert names() == ["more", "s1", "s2"]
-    eventually(lambda: names() == ["s1", "s2"], what="one that reports no more is gone")

@@ -12,7 +12,6 @@ import pytest
 from omniORB import CORBA
 
 from robocorba.errors.robots import AdaptorFailed, UnitFailed
-from robocorba.orb.calls import set_call_timeout
 from robocorba.robot.corba.remote_smartpal_units import units_at
 from robocorba.robot.kinematics.smartpal import ARM, GRIP, JOINTS, LUMBAR, OPEN_RAD, Side
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
@@ -68,19 +67,6 @@ def test_base_and_arms_go_where_they_shall(adaptor: SmartPalAdaptor) -> None:
         return math.hypot(*state.velocity[:2]) < 0.03 and bool(np.abs(state.joint_velocities).max() < 0.03)
 
     eventually(is_stationary, PATIENCE_S, "that it is stationary")
-
-
-def test_the_paper_s_booleans(place: StandIn, adaptor: SmartPalAdaptor) -> None:
-    assert not adaptor.start(["--naming", str(place.naming)])
-    assert adaptor.stop()
-    assert not adaptor.stop()
-    assert not adaptor.read(RobotState())
-    assert not adaptor.write(ActorCommand())
-    assert adaptor.start(["--naming", str(place.naming)])
-    state = RobotState()
-    assert adaptor.read(state)
-    # Without --pose it goes on from where it was said to be.
-    assert (state.x, state.y, state.heading) == pytest.approx((2, 1, 0.5), abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -161,11 +147,10 @@ FAULTS: dict[str, tuple[Callable[[Any, str], None], str]] = {
     "stuck": (lambda faults, unit: faults.stuck(unit, True), "does not follow its servo"),
     "switch": (lambda faults, unit: faults.emergencySwitch(True), "emergency switch"),
 }
-FAILING = ["alarm Mobility", "alarm MnpR", "alarm GripperL", "alarm Lumbar", "stuck Mobility", "stuck MnpL"]
-LOST = ["lost Mobility", "lost MnpL", "lost GripperR", "lost Lumbar"]
+CASES = ["alarm Mobility", "alarm GripperL", "stuck MnpL", "switch", "lost Mobility", "lost Lumbar"]
 
 
-@pytest.mark.parametrize("case", [*FAILING, "switch", *LOST])
+@pytest.mark.parametrize("case", CASES)
 def test_a_unit_that_fails(place: StandIn, adaptor: SmartPalAdaptor, case: str) -> None:
     fault, _, unit = case.partition(" ")
     happens, why = FAULTS[fault]
@@ -227,33 +212,13 @@ def test_a_plain_client(place: StandIn) -> None:
     assert not mobility.moveForward(100.0)
     eventually(lambda: mobility.getState()[1] == 0x10)
     assert mobility.getPosition()[1:] == pytest.approx((100.0, 0.0, 0.0), abs=3.0)
-
-    arm.powerOff()
     to = [10.0, -10.0, 0.0, 20.0, 0.0, 0.0, 0.0]
-    assert arm.moveJointAbs(to, 10.0) == -4
     assert arm.powerOn() == 0 and arm.servoOn() == 0
     eventually(lambda: arm.getState()[1] == 0x12)
-    assert arm.moveJointAbs(to, 91.0) == -6
-    assert arm.setJointAcceleration(10) == -7
-    assert arm.moveJointAbs(to, 60.0) == 0
+    assert (arm.moveJointAbs(to, 91.0), arm.moveJointAbs(to, 60.0)) == (-6, 0)
     assert arm.getState()[1] == 0x13
-    assert arm.moveJogJoint([1.0] * 7) == -2
     eventually(lambda: arm.getState()[1] == 0x12)
-    code, joints = arm.getFeedbackPos(_GlobalIDL.JOINT)
-    assert (code, joints) == (0, pytest.approx(to, abs=0.1))
-    limits = arm.getJointSoftLimit()[1]
-    assert (limits[0].upper, limits[0].lower) == pytest.approx((180.0, -45.0))
-
-
-def test_faults_of_the_stand_in(place: StandIn) -> None:
-    faults, lumbar = place.faults, place.unit("Lumbar", _GlobalIDL.LumbarUnit)
-    for order, field in ((lambda: faults.lost("Wheel", False), "unit"), (lambda: faults.slowNetwork(6.0), "delay")):
-        with pytest.raises(RoboCorba.InvalidFault) as refused:
-            order()
-        assert refused.value.field == field
-    faults.lost("Lumbar", True)
-    set_call_timeout(lumbar, 0.2)
-    with pytest.raises(CORBA.TIMEOUT):
-        lumbar.isMoving()
-    faults.lost("Lumbar", False)  # a call that was held back ends with its fault
-    assert lumbar.isMoving() in (True, False)
+    assert arm.getFeedbackPos(_GlobalIDL.JOINT) == (0, pytest.approx(to, abs=0.1))
+    with pytest.raises(RoboCorba.InvalidFault) as refused:
+        place.faults.slowNetwork(6.0)
+    assert refused.value.field == "delay"
