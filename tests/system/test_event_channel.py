@@ -5,19 +5,17 @@ from __future__ import annotations
 
 import contextlib
 import math
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import CosEventChannelAdmin
 import CosEventComm
-import msgpack
 import omniORB
 import pytest
 from omniORB import CORBA
 
-from robocorba.events.corba.event_client import Event, EventClient, _EventConsumerServant
+from robocorba.events.corba.event_client import Event, EventClient
 from robocorba.events.corba.pair_listener import PairListener
 from robocorba.orb.calls import set_call_timeout
 from robocorba.stubs import RoboCorba
@@ -38,7 +36,7 @@ from tests.system.event_place import (
     text,
 )
 from tests.system.refusals import refused
-from tests.waits import head_start, pause
+from tests.waits import head_start
 
 pytestmark = pytest.mark.system
 GONE = CORBA.OBJECT_NOT_EXIST
@@ -213,30 +211,6 @@ def test_a_listener_of_pairs_follows_sources_and_survives_the_loss_of_its_subscr
 
 
 # ---- order, batches, queues ----
-
-
-def test_a_late_call_is_not_overtaken(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A call times out while its thread waits for the interpreter, and goes on when the next one has ended."""
-    push_runs, is_waiting, others_end = _EventConsumerServant.pushRuns, threading.Event(), threading.Event()
-
-    def delayed(servant: Any, runs: Any) -> None:
-        if not is_waiting.is_set() and any(msgpack.packb(1) in run.payloads for run in runs):
-            is_waiting.set()
-            others_end.wait(30)
-        push_runs(servant, runs)
-        if is_waiting.is_set():
-            others_end.set()
-
-    monkeypatch.setattr(_EventConsumerServant, "pushRuns", delayed)
-    robot, got = client("A"), Receiver()
-    subscription = client("").subscribe(got, "t")
-    for number in range(10):
-        robot.push("t", number)
-        pause(0.01)  # so that the supplier's thread makes the call, which has a shorter time limit
-    eventually(others_end.is_set, 60)
-    eventually(lambda: account(subscription).queued == 0 and len(got) >= 10, 60)
-    assert got.payloads == list(range(10))
-    assert account(subscription).unconfirmed == 0
 
 
 def test_a_consumer_that_raises_loses_that_event_only(place: Place, channel: Any) -> None:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import itertools
 import json
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from subprocess import Popen
@@ -29,7 +28,6 @@ from tests.system.event_place import (
     open_place,
     text,
 )
-from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 #: Of the channels.
@@ -113,39 +111,6 @@ def test_references_stay_valid_and_plain_clients_go_on(place: Place, lab: Lab) -
     assert not any(fresh._is_equivalent(proxy) for proxy in (supplier, unconnected, ended))
     pushed.disconnect_push_supplier()
     assert consumer.disconnections == 1
-
-
-def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(lab: Lab) -> None:
-    got: list[int] = []
-    with lab.client("A") as robot, lab.client("B") as observer:
-        observer.subscribe(lambda event: got.append(event.payload))
-        reported: list[int] = []
-        stop = threading.Event()
-
-        def talk() -> None:
-            number = 0
-            while not stop.is_set():
-                try:
-                    robot.push("t", number)
-                except Unconfirmed:
-                    reported.append(number)
-                number += 1
-                pause(0.002)
-
-        talking = threading.Thread(target=talk)
-        talking.start()
-        eventually(lambda: len(got) > 50)
-        count = len(got)
-        lab.restart()
-        eventually(lambda: len(got) > count + 50, 60.0)
-        stop.set()
-        talking.join(15)
-    assert got == sorted(set(got))
-    missing = set(range(got[-1])) - set(got)
-    # Reported: the call that was interrupted, and one that reached the port of the dying process, which the kernel may
-    # close after the connections. The others can only be what was in the queue of the process that was killed.
-    assert len(reported) <= 2
-    assert len(missing - set(reported)) <= 2
 
 
 # ---- consumers to which nobody can connect: the channel calls them over their own connection ----

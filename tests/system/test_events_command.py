@@ -113,17 +113,6 @@ def test_tail_ends_and_leaves_nothing(events: Events, number: signal.Signals | N
     assert consumers(events, "lab") == []
 
 
-def test_links_end_and_begin(events: Events) -> None:
-    done(events("peer", "remove", "lab", "hall"))
-    assert state(events, "lab")["links"] == []
-    eventually(lambda: state(events, "hall")["links"] == [], 60.0, "the end of the link at hall")
-    done(events("peer", "add", "hall", "lab"))
-    # lab has removed hall, and takes it back only when it is told so itself.
-    eventually(lambda: "removed" in state(events, "hall")["links"][0]["problem"], 60.0, "the refusal")
-    done(events("peer", "add", "lab", "hall"))
-    eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), 60.0, "the link again")
-
-
 def test_what_cant_be_done_is_one_line(events: Events, launch: Launch, naming_port: int) -> None:
     reasons = {
         ("tail", "nowhere"): "RoboCorba/EventChannels/nowhere is not reachable",

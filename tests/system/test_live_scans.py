@@ -179,8 +179,9 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
         page, troubles = browser.new_page(), list[str]()
         page.set_default_timeout(PATIENCE_S * 1000.0)
         page.on("pageerror", lambda error: troubles.append(str(error)))
-        for path, region in (("", "Robot"), ("3d", "Selected robot")):
-            for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
+        facts = {"A": r"actual: nearest .* in no map", "V": r"virtual: nearest 1\.\d\d m"}
+        for path, region, robots in (("", "Robot", "AV"), ("3d", "Selected robot", "A")):
+            for robot, fact in [(name, facts[name]) for name in robots]:
                 page.goto(f"{place.address}{path}?robot={robot}")
                 panel = page.get_by_label(f"Robot {robot}" if region == "Robot" else region, exact=True)
                 sync.expect(panel).to_contain_text(re.compile(fact))

@@ -13,7 +13,6 @@ from PIL import Image
 from robocorba.errors.maps import (
     EditedByOthers,
     InvalidElement,
-    NothingToRedo,
     SessionEnded,
     TransactionClosed,
 )
@@ -273,17 +272,11 @@ def test_two_authors_share_a_map(system_orb: Orb) -> None:
         ("Bob", "wall a on L2 renamed to z"),
     ]
     assert [change.kind for change in remote.changes_since(changed)] == [ChangeKind.REMOVED, ChangeKind.CREATED]
-    ada.redo()
-    refused(NothingToRedo, ada.redo)
-    ada.undo()
     for _ in range(3):
         bob.undo()
-    after, version = remote.building()
-    assert after == before.with_element("L2", short_wall("a"))
-    remote_edit = remote.open_session("Eve")
-    remote_edit.remove(ElementKind.WALL, "L2", "a", remote.read(ElementKind.WALL, "L2", "a")[1])
-    assert remote.version() == version + 1
-    for session in (ada, bob, remote_edit):
+    assert remote.building()[0] == before.with_element("L2", short_wall("a"))
+    bob.remove(ElementKind.WALL, "L2", "a", remote.read(ElementKind.WALL, "L2", "a")[1])
+    for session in (ada, bob):
         session.close()
         session.close()
         refused(SessionEnded, session.undoable)

@@ -31,8 +31,8 @@ pytestmark = [pytest.mark.system, pytest.mark.full]
 GROWTH_MIB = 200
 #: The fixtures are of the module, so they are the same for all examples of a test.
 MANY = settings(max_examples=30, deadline=None, suppress_health_check=list(HealthCheck))
-#: Robots that want to log on and may not, before the crowd goes, and how long it tries at most [s].
-CROWD, CROWD_LIMIT_S = 600, 200.0
+#: Robots that may log on, and how many more want to before the crowd goes; how long it tries at most [s].
+ROOM, CROWD, CROWD_LIMIT_S = 50, 1_000, 200.0
 #: Time limit of each of their calls [s]; its usual time is measured in bench/.
 ANSWER_S = 20.0
 #: No text of an answer is longer, whatever was asked.
@@ -116,6 +116,7 @@ SQUARE = [RoboCorba.XY(2.0, 11.0), RoboCorba.XY(3.0, 11.0), RoboCorba.XY(3.0, 12
 
 def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
     limit = place.server._get_state().limit
+    place.administrator.setLimit(ROOM)
     turned_away: list[RoboCorba.ServerFull] = []
     field = RoboCorba.Floor("field", 99, 99.0, 3.0, [])  # without an outline
     created = place.editor.create("", RoboCorba.Element(aFloor=field))
@@ -140,11 +141,12 @@ def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
         while not all(one.done() for one in crowd):
             most = max(most, place.server._get_state().robots)
             pause(0.05)
-    assert most <= limit and len(turned_away) >= CROWD
-    assert all(one.limit == one.now == limit and one.retryAfter <= 2.0 for one in turned_away)
+    assert most <= ROOM and len(turned_away) >= CROWD
+    assert all(one.limit == one.now == ROOM and one.retryAfter <= 2.0 for one in turned_away)
     assert max(one.result() for one in crowd) < ANSWER_S
     place.let_go()
     assert place.server._get_state().robots == 0
+    place.administrator.setLimit(limit)
     place.editor.remove(RoboCorba.ElementId(RoboCorba.FLOOR_ELEMENT, "", "field"), created)
     eventually(lambda: "field" not in place.database.floors(), what="the floor is gone")
 

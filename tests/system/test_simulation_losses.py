@@ -1,4 +1,4 @@
-"""What robots have from the simulation, areas, data pools, sessions, and what is left of it when processes are
+"""What robots have from the simulation, areas, sessions, and what is left of it when processes are
 killed: the simulation server, sensor servers, robots."""
 
 from __future__ import annotations
@@ -13,12 +13,7 @@ import msgspec
 import pytest
 from omniORB import CORBA
 
-from robocorba.errors.paths import UnknownFloor
-from robocorba.map_editor.corba import maps
-from robocorba.map_editor.model import Wall
 from robocorba.map_editor.polygons import FloorArea
-from robocorba.robot.corba.remote_data_pool import PoolFollower
-from robocorba.robot.data_pool.pool import DataPool
 from robocorba.simulation.registry import LEASE_S
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
@@ -29,9 +24,7 @@ from testkit.simulation import (
     Chaos,
     ClientProcess,
     Place,
-    RemoteFloor,
     away,
-    drive_to,
     error_lines,
     simulation,
 )
@@ -89,59 +82,6 @@ def test_a_robot_whose_process_was_killed_frees_its_areas(place: Place) -> None:
     stays(lambda: phases(waiter) == [WAITING], 1.0)  # the other one lives
     process.kill()
     eventually(lambda: phases(waiter) == [GRANTED], what="the areas of the dead robot are free")
-
-
-# ---- data pools ----
-
-
-@contextlib.contextmanager
-def following(place: Place, floor: str, oneself: str = "") -> Iterator[DataPool]:
-    """A pool that is kept up to date, and knows the floor."""
-    with contextlib.closing(PoolFollower(place.orb, floor, oneself).start()) as follower:
-        assert follower.pool.floor == floor
-        eventually(lambda: follower.pool.snapshot().is_known, BACK_LIMIT_S, "the pool knows its floor")
-        yield follower.pool
-
-
-def bodies(place: Place, floor: str) -> dict[str, tuple[float, ...]]:
-    """Poses of all that is on a floor, by name, as the database has them."""
-    copy = RemoteFloor(place.database, floor)
-    copy.follow()
-    rows = copy.view.motions[["x", "y", "heading"]].tolist()
-    return {body.name: row for body, row in zip(copy.view.bodies.values(), rows, strict=True)}
-
-
-def known(pool: DataPool) -> dict[str, tuple[float, ...]]:
-    """The same as a pool has them."""
-    snapshot = pool.snapshot()
-    things = [*snapshot.robots, *(thing for thing in snapshot.objects() if thing.is_movable)]
-    return {thing.name: (thing.x, thing.y, thing.heading) for thing in things}
-
-
-def test_pools_follow_their_floor_and_survive_a_kill_of_the_simulation_server(place: Place) -> None:
-    me = place.log_on("me", *HALL)
-    place.log_on("above", *HALL, floor="L3")
-    with following(place, "L1", "me") as pool:
-        drive_to(me, (HALL[0] + 1.0, HALL[1]))
-        eventually(lambda: known(pool) == bodies(place, "L1"), what="it is as the database says")
-        place.editor.create("L2", maps.element(Wall("new", (1.0, 13.0), (1.4, 13.0))))  # which is another floor
-        place.editor.create("L1", maps.element(Wall("newer", (1.0, 13.0), (1.4, 13.0))))
-        eventually(lambda: pool.snapshot().nearest_non_robot(1.2, 13.1) == (pytest.approx(0.1), 1.2, 13.0, "newer"))
-        pid = place.kill("simulation")
-        eventually(lambda: pool.problem, what="the pool notices")
-        lag_s = pool.lag_s
-        assert pool.snapshot().robot("me")  # what was known stays
-        with following(place, "L1"):  # which begins before the server answers
-            eventually(lambda: pool.lag_s > lag_s or not pool.problem)
-        eventually(lambda: place.is_again("simulation", pid), BACK_LIMIT_S)
-        eventually(lambda: not pool.problem and pool.lag_s < 1.0, BACK_LIMIT_S, "the pool follows again")
-        drive_to(me, HALL)
-        eventually(lambda: known(pool) == bodies(place, "L1"))
-        assert pool.change_floor("L3")
-        assert known(pool) == bodies(place, "L3")
-        assert pool.snapshot().robot("above") and not pool.snapshot().robot("me")
-        with pytest.raises(UnknownFloor, match="L9"):
-            pool.change_floor("L9")
 
 
 # ---- sessions ----
