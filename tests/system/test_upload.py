@@ -136,7 +136,7 @@ def test_the_paper_is_handed_over_while_the_link_is_cut_five_times(place: Place)
     agents = {robot: place.agent(robot) for robot in (GIVER, TAKER)}
     seldom(lambda: "hall" in place.robocorba("events", "stats"), "the robots' channel")
 
-    # Refused before the run: what needs a server, and a program that was checked on another map.
+    # Refused before the run: what needs a server.
     needs = place.folder / "needs.json"
     needs.write_text('{"name": "x", "icons": [{"icon": "mbase_path", "floor": "L9", "x": 1, "y": 1}]}')
     refused = place.robocorba("program", "upload", str(needs), "--robot", GIVER, code=1)
@@ -186,11 +186,6 @@ def test_the_paper_is_handed_over_while_the_link_is_cut_five_times(place: Place)
     assert place.reports(GIVER, following) == ([], following)
     # It is where it was, and can be stopped by the building's server, in which its body follows it.
     seldom(lambda: "stands" in subprocess_output(place, "stop", GIVER), "a stop that is shown")
-    agents[GIVER].kill()
-    agents[GIVER].wait()
-    agents[GIVER] = place.agent(GIVER)
-    assert "is stopped" in place.robocorba("program", "run", str(wait), "--robot", GIVER, code=1)
-    place.robocorba("stop", GIVER, "--reset")
     for process in agents.values():
         process.send_signal(signal.SIGTERM)
         assert process.wait(LIMIT_S) == 0
