@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import shutil
 import signal
 import subprocess
 import time
@@ -169,21 +168,13 @@ class Channels:
         self.naming.send_signal(signal.SIGKILL)
         self.naming.wait(60.0)
 
-    def forget(self, name: str) -> None:
-        """Delete the state folder of a channel that does not run."""
-        shutil.rmtree(self.folder / name)
-
-    def restart(self, *names: str, forgets: bool = False, **environment: str) -> None:
-        """Kill channels and start them again. forgets: without their files, and so without their proxies."""
+    def restart(self, *names: str, **environment: str) -> None:
+        """Kill channels and start them again."""
         for name in names:
             self.kill(name)
-            if forgets:
-                self.forget(name)
             self.spawn(name, **environment)
         for name in names:
             self.wait_ready(name)
-            if forgets:
-                self.clients[name] = EventClient(self.orb, name, name, timeout_s=LIMIT_S)
 
     @contextlib.contextmanager
     def stopped(self, name: str) -> Iterator[None]:

@@ -5,7 +5,6 @@ Its first line on stdin is rows of name, floor, x, y as JSON.
 Prints `ready` when they are logged on, and then executes commands from stdin, one a line:
 
     drive         drive all robots in circles, and scan
-    reserve AREAS reserve areas (JSON: floors and polygons) for the first robot; prints `reserved`
     report        print a JSON report of the time since the last report
 
 If the server does not answer, the process stops commanding and only reads the robots' states until the next `drive`. It
@@ -36,8 +35,6 @@ VALID_S = 0.5
 COMMAND_INTERVAL_S = 0.1
 #: A robot scans with every n-th command.
 SCAN_EVERY = 3
-#: Duration of a reservation [s].
-RESERVED_S = 300.0
 GONE = (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT)
 ROUND = RoboCorba.Velocity(SPEED, 0.0, TURN)
 NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
@@ -82,10 +79,6 @@ class Robots:
             self._is_driving = True
             for robot in self._robots:
                 robot.driving, robot.resting = [], []
-
-    def reserve(self, areas: list[tuple[str, list[tuple[float, float]]]]) -> None:
-        found = [RoboCorba.FloorArea(floor, [RoboCorba.XY(*corner) for corner in polygon]) for floor, polygon in areas]
-        self._robots[0].session.reserveAreas(found, RESERVED_S)
 
     def report(self) -> dict[str, Any]:
         with self._lock:
@@ -145,9 +138,6 @@ def main(naming: str) -> None:
         for line in sys.stdin:
             if line == "drive\n":
                 robots.drive()
-            elif line.startswith("reserve "):
-                robots.reserve(msgspec.json.decode(line.removeprefix("reserve ")))
-                print("reserved", flush=True)
             else:
                 print(msgspec.json.encode(robots.report()).decode(), flush=True)
 

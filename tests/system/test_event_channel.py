@@ -173,19 +173,6 @@ def test_a_conjunction_delivers_its_events_together_within_the_window(
     proxy.disconnect_push_supplier()
 
 
-def test_pairs_of_any_two_of_many_sources(client: Client) -> None:
-    names, pairs = [f"R{number}" for number in range(25)], list[list[str]]()
-    observer = client("")
-    made = observer.subscribe_pairs(
-        lambda events: pairs.append(sorted(each.source for each in events)), "seen", names, window_s=60.0
-    )
-    assert len(made) == 2  # of 300 pairs, 200 in one subscription
-    for name in ("R3", "R3", "stranger", "R24", "R11"):
-        client(name).push("seen", None)
-    eventually(lambda: len(pairs) >= 3)
-    assert sorted(pairs) == [["R11", "R24"], ["R11", "R3"], ["R24", "R3"]]
-
-
 def test_a_listener_of_pairs_follows_sources_and_survives_the_loss_of_its_subscription(
     place: Place, client: Client
 ) -> None:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from robocorba.events.corba.event_client import Event
 from robocorba.stubs import RoboCorba
 from testkit.federation import LIMIT_S, Channels, Consumer, Counts, channels
 from testkit.processes import eventually
@@ -87,24 +86,6 @@ def test_an_uninterested_channel_receives_nothing(at: Channels) -> None:
     link = at.incoming("C", "B")
     assert (link.batches, link.bytes, link.events.received) == (0, 0, 0)
     assert at.outgoing("B", "C").unseen == 10
-
-
-def test_a_conjunction_of_a_local_and_a_remote_event_comes_true_once_for_each_pair(at: Channels) -> None:
-    at.shape("AB")
-    at.channel("B").addPeer(RoboCorba.PeerAddress("A", "", False))  # told to both ends it is still one link
-    found: list[Sequence[Event]] = []
-    pairs = at.clients["B"].subscribe_together(found.append, "local", "remote")
-    assert pairs.wait_in_force("A")
-    for number in range(20):
-        at.clients["A"].push("remote", number)
-        at.clients["B"].push("local", number)
-    eventually(lambda: len(found) >= 20, LIMIT_S, "all pairs")
-    stays(lambda: len(found) == 20, 0.2)
-    assert [[(event.type, event.origin, event.payload) for event in pair] for pair in found] == [
-        [("local", "B", number), ("remote", "A", number)] for number in range(20)
-    ]
-    assert [link.peer for link in at.channel("B").state().links] == ["A", "A"]
-    at.check_links("AB")
 
 
 def test_a_channel_that_was_suspended_gets_all_it_missed_once_but_the_expired(at: Channels) -> None:

@@ -1,5 +1,5 @@
-"""What robots have from the simulation, areas, sessions, and what is left of it when processes are
-killed: the simulation server, sensor servers, robots."""
+"""What is left of robots' sessions when processes are killed, or held up: the simulation server, sensor servers,
+robots."""
 
 from __future__ import annotations
 
@@ -7,19 +7,15 @@ import contextlib
 import os
 import signal
 from collections.abc import Iterator
-from typing import Any
 
-import msgspec
 import pytest
 from omniORB import CORBA
 
-from robocorba.map_editor.polygons import FloorArea
 from robocorba.simulation.registry import LEASE_S
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
 from testkit.simulation import (
     BACK_LIMIT_S,
-    CLIENT,
     GONE,
     Chaos,
     ClientProcess,
@@ -29,19 +25,13 @@ from testkit.simulation import (
     simulation,
 )
 from tests.system.state_files import state_files
-from tests.waits import outlast, stays
+from tests.waits import outlast
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
-#: In the west hall of L1: two areas that overlap.
-WEST: FloorArea = ("L1", ((1.0, 10.0), (4.0, 10.0), (4.0, 12.0), (1.0, 12.0)))
-BOTH: FloorArea = ("L1", ((3.0, 10.5), (6.0, 10.5), (6.0, 11.5), (3.0, 11.5)))
-LIMIT_S = 300.0
 ROUNDS = 3
 #: Five times what the bench allows [s]: a machine that is busy with other tests writes later.
 BUSY_LOST_S = 1.0
-HALL = (2.0, 12.0)
-GRANTED, WAITING = RoboCorba.AREAS_GRANTED, RoboCorba.WAITING_FOR_AREAS
 
 
 @pytest.fixture(scope="module")
@@ -55,36 +45,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
 def place(whole: Place) -> Iterator[Place]:
     yield whole
     whole.let_go()
-
-
-def struct(area: FloorArea) -> Any:
-    floor, polygon = area
-    return RoboCorba.FloorArea(floor, [RoboCorba.XY(*corner) for corner in polygon])
-
-
-def phases(*sessions: Any) -> list[Any]:
-    return [session.reservation().phase for session in sessions]
-
-
-# ---- areas ----
-
-
-def test_a_robot_whose_process_was_killed_frees_its_areas(place: Place) -> None:
-    process = place.launch(*CLIENT, str(place.running.naming))
-    assert process.stdin is not None and process.stdout is not None
-    rows, areas = (msgspec.json.encode(value).decode() for value in ([("doomed", "L1", 2.0, 14.5)], [WEST]))
-    for order, answer in ((rows, "ready"), (f"reserve {areas}", "reserved")):
-        process.stdin.write(f"{order}\n")
-        process.stdin.flush()
-        assert process.stdout.readline() == f"{answer}\n"
-    waiter = place.log_on("waiter", 4.0, 14.5)
-    waiter.reserveAreas([struct(BOTH)], LIMIT_S)
-    stays(lambda: phases(waiter) == [WAITING], 1.0)  # the other one lives
-    process.kill()
-    eventually(lambda: phases(waiter) == [GRANTED], what="the areas of the dead robot are free")
-
-
-# ---- sessions ----
 
 
 def test_who_is_killed_makes_room_and_nobody_else_loses_anything(place: Place) -> None:

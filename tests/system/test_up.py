@@ -112,13 +112,14 @@ def test_ctrl_c_in_the_middle_of_the_start(echo_up: Start) -> None:
     assert running.left_behind() == []
 
 
-def test_what_a_server_started_ends_with_it_and_one_that_ignores_sigterm_is_killed(echo_up: Start) -> None:
+def test_what_a_server_started_ends_with_it_and_one_that_ignores_sigterm_is_killed(echo_up: Start, client: Orb) -> None:
     running = echo_up(ECHO_MODE="stubborn parent").wait_ready()
     assert len(running.descendants) == 4
     first, orphans = running.pid("echo"), psutil.Process(running.pid("echo")).children()
     os.kill(first, signal.SIGKILL)
     eventually(lambda: not any(map(is_running, orphans)), 30.0, "the killed server's child ended")
-    eventually(lambda: running.pid("echo") not in (0, first), what="started again")
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    eventually(lambda: answers(planner) not in (0, first), 30.0, "answers again")
     running.note_descendants()
     began = time.monotonic()
     assert running.stop() == 0
