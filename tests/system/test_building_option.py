@@ -25,7 +25,7 @@ from tests.system.elements import all_elements, id_of, replay, wall
 from tests.system.test_up import answers
 from tests.waits import pause
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 Start = Callable[..., Running]
 

@@ -14,7 +14,7 @@ import pytest
 from robocorba.system.supervision.launch import module_command
 from testkit.processes import ROBOCORBA, Running, eventually, refusal, running_system
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 Launch = Events = Callable[..., subprocess.Popen[str]]

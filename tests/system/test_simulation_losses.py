@@ -27,7 +27,7 @@ from testkit.simulation import (
 from tests.system.state_files import state_files
 from tests.waits import outlast
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 ROUNDS = 3
 #: Five times what the bench allows [s]: a machine that is busy with other tests writes later.

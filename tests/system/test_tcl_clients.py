@@ -25,7 +25,7 @@ from testkit.processes import ROBOCORBA, Launcher, Running, drain, read_json
 from testkit.simulation import error_lines
 from tests.system.event_place import PushConsumer
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]

@@ -14,7 +14,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.names import CHANNELS
 from testkit.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.full]
 
 Start = Callable[..., Running]
 
