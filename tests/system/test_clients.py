@@ -196,8 +196,9 @@ def test_it_is_logged_off_also_where_it_is_refused(system: Running, launch: Laun
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     other = server.registerRobot(about("other", X + 0.5, Y))
     uri = corbaname(system.naming, "RoboCorba/SimulationServer")
-    process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
-    _, err = process.communicate(timeout=60.0)
+    with contextlib.closing(heartbeats(lambda: [other])):
+        process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
+        _, err = process.communicate(timeout=60.0)
     other.deregister()
     assert process.returncode == 1
     assert "PlaceTaken" in err and "other" in err
