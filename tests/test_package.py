@@ -106,7 +106,7 @@ def test_servers_run_outside_the_checkout_and_no_strangers(installed: Path, tmp_
             (folder / package / "__init__.py").write_text(STRANGER)
         for name in ("clients/robot", "servers/simulation", "numpy", "msgspec"):
             (folder / f"{name}.py").write_text(STRANGER)
-    robocorba, plain = str(installed / "robocorba"), {"PYTHONPATH": "", "NUMBA_OPT": "0"}  # compiled sooner, but slow
+    robocorba, plain = str(installed / "robocorba"), {"PYTHONPATH": ""}
     with claimed_ports() as port, Launcher(tmp_path) as launch:
         naming, place = f"127.0.0.1:{port}", ("L1", "3", "4", "L3", "10", "2")
         up = launch(robocorba, "up", "--state", "state", "--naming-port", str(port), **plain)
