@@ -18,7 +18,7 @@ from robocorba.system.claimed_ports import claimed_ports
 from robocorba.system.settings import Address
 from testkit.processes import Launcher, Running, read_json
 
-pytestmark = [pytest.mark.system, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Folders of the checkout that the package holds too.

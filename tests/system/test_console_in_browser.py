@@ -15,13 +15,10 @@ import pytest
 
 from robocorba.map_editor import native
 from robocorba.map_editor.model import Building
-from robocorba.map_editor.samples import sample_path
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.system.claimed_ports import claimed_ports
 from robocorba.system.settings import Address
-from testkit.actual_robot import running_stand_in
-from testkit.processes import ROBOCORBA, Running, drain, eventually, running_system
+from testkit.processes import Running, running_system
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 pytest.importorskip("playwright", reason="playwright, which moves the browser, is not installed")
@@ -34,7 +31,7 @@ BROWSER = chromium()
 pytestmark = [
     pytest.mark.full,
     pytest.mark.system,
-    pytest.mark.slow,
+    pytest.mark.slow(minutes=2),
     pytest.mark.skipif(not BROWSER, reason="there is no chromium on this machine"),
 ]
 
@@ -354,10 +351,11 @@ class Operator:
         monitor.goto(self.address)
         pause = monitor.get_by_role("button", name="Pause time")
         expect(pause).to_be_enabled()
-        pace = monitor.get_by_label("Pace of simulated time")
-        pace.select_option("time 0.25x")
         self.button("Run").click()
         expect(self.page.locator(".icon-card.is-running")).to_have_count(1)
+        expect(self.card("mbase_to")).to_have_class(re.compile("is-running|is-done"))
+        pace = monitor.get_by_label("Pace of simulated time")
+        pace.select_option("time 0.25x")
         expect(self.card("mbase_path")).to_have_class(re.compile("is-running"))
         pause.click()
         expect(monitor.get_by_role("button", name="Resume time")).to_be_visible()
@@ -525,58 +523,3 @@ def test_an_operators_day(tmp_path: Path) -> None:
         assert not user.troubles
         user.kill_console(system)
         assert all(re.search("net::ERR_|WebSocket", trouble) for trouble in user.troubles)
-
-
-@pytest.mark.timeout(900)
-def test_a_program_goes_to_the_computer_of_a_robot(tmp_path: Path) -> None:
-    """A virtual robot checks it. The form tells what it has found, and remembers the address."""
-    assert BROWSER
-    options = ("--building", str(sample_path("paper-scene")), "--subnets", "lab", "--console", "--console-port", "0")
-    with (
-        running_system(tmp_path, *options) as (system, launch),
-        running_stand_in(tmp_path / "robot") as robot,
-        claimed_ports() as port,
-        operator(BROWSER, system.record().console_address) as user,
-        user.telling(),
-    ):
-        common = ("--naming", str(system.naming), "--state", str(tmp_path / "robots"), "--floor", "L1")
-        alone = ("--agent-only", "--endpoint", f"127.0.0.1:{port}", "--adaptor", "smartpal")
-        for command in (
-            ("V", *common, "--at", "7.6,2.6,3.14"),
-            ("A", *common, "--at", "4.9,4.5,0", *alone, "--", "--naming", str(robot.naming)),
-        ):
-            process = launch(ROBOCORBA, "robot", *command)
-            assert process.stdout and process.stderr
-            assert process.stdout.readline() == "ready\n", process.stderr.read()
-            drain(process)
-        user.open("Program")
-        page, host = user.page, "Host of the robot's computer"
-        page.get_by_label("Robot", exact=True).select_option("V")
-        page.get_by_label("Name of the program").fill("wave")
-        user.add("mhand_posture", hand="left", posture="carry")
-        user.button("Upload").click()
-        expect(user.button("Test")).to_be_disabled()
-        page.get_by_label(host).fill("127.0.0.1")
-        page.get_by_label("Port of the robot's computer").fill(str(port))
-        user.button("Test").click()
-        panel = page.get_by_label("Upload to the robot's computer")
-        expect(panel).to_contain_text("A answers: adaptor smartpal, no range sensors, waiting for an order")
-        user.button(re.compile("^Upload and run")).click()
-        expect(panel).to_contain_text("A has upload 1 and runs it")
-
-        def is_reported() -> bool:
-            user.button("Test").click()
-            return "wave: done, 1 icon done" in (panel.text_content() or "")
-
-        eventually(is_reported, LIMIT_S, "the report")
-        if shot := os.environ.get("ROBOCORBA_PICTURE"):
-            page.screenshot(path=shot)
-        page.reload()
-        user.button("Upload").click()
-        expect(page.get_by_label(host)).to_have_value("127.0.0.1")
-        user.button("Switch to actual").click()
-        expect(page.get_by_label("Host of the robot's naming service")).to_have_value("")
-        expect(page.get_by_label("Adaptor", exact=True)).to_have_value("smartpal")
-        page.get_by_label("Adaptor", exact=True).select_option("corba")
-        expect(page.get_by_label("Reference of the adaptor")).to_be_visible()
-        assert not user.troubles

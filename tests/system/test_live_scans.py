@@ -1,5 +1,5 @@
 """What the sensors of virtual and actual robots see, in the console and `robocorba watch`; without viewers none is
-asked."""
+asked. And how the console sends a program to the computer of an actual one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import contextlib
 import json
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,35 +17,59 @@ import pytest
 from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, MapObject
 from robocorba.orb.orb import Orb
+from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.corba.adaptor_servant import SensingAdaptorServant
-from robocorba.robot.senses import Ranges
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, usual_sensors
 from robocorba.stubs import RoboCorba
+from robocorba.system.claimed_ports import claimed_ports
 from testkit.actual_robot import running_stand_in
 from testkit.browser import chromium, headless
 from testkit.buildings import two_floors, with_all
 from testkit.processes import eventually, read_json, running_system
 from testkit.virtual_and_actual import RobotProcess, robot_process
-from tests.system.test_senses import START, Standing
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(minutes=2), pytest.mark.full]
 
 PATIENCE_S = 120.0
 #: Where the actual robot begins, and its radius; the front of the chair before it [m].
 AT, RADIUS_M, CHAIR_X = (2.5, 5.5, 0.0), 0.4, 4.5
+STANDING_AT = (2.5, 3.0, 0.0)
 
 
-class Counting(Standing):
-    """A driver in this process, and how often its laser was asked."""
+class Counting(RobotAdaptor, Senses):
+    """A driver in this process whose robot stands at STANDING_AT; what its laser measures, and how often it was
+    asked."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.asked = 0
+        self.senses, self.distance_m, self.count, self.asked = self, 8.0, 0, 0
+
+    def start(self, argv: Sequence[str]) -> bool:
+        return True
+
+    def stop(self) -> bool:
+        return True
+
+    def read(self, state: RobotState) -> bool:
+        self.count += 1
+        state.time, (state.x, state.y, state.heading) = 0.02 * self.count, STANDING_AT
+        return True
+
+    def write(self, command: ActorCommand) -> bool:
+        return True
+
+    @property
+    def sensors(self) -> Sequence[RangeSensor]:
+        return usual_sensors()[:1]
 
     def ranges(self, name: str) -> Ranges:
         self.asked += 1
-        return super().ranges(name)
+        return Ranges(0.02 * self.count, np.full(self.sensor(name).spec.fan.count, self.distance_m))
+
+    def readings(self) -> Sequence[Reading]:
+        return ()
 
 
 class Place(NamedTuple):
@@ -89,7 +114,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
             return stack.enter_context(robot_process(folder / name, orb, name, *where, *more))
 
         robot("A", ",".join(map(str, AT)), "--adaptor", "smartpal", "--", "--naming", str(stand_in.naming))
-        robot("C", ",".join(map(str, START)), "--adaptor", "corba", "--", "--uri", uri)
+        robot("C", ",".join(map(str, STANDING_AT)), "--adaptor", "corba", "--", "--uri", uri)
         virtual = robot("V", "8.0,1.0")
         yield Place(orb, running.record().console_address, driver, virtual)
 
@@ -154,8 +179,9 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
         page, troubles = browser.new_page(), list[str]()
         page.set_default_timeout(PATIENCE_S * 1000.0)
         page.on("pageerror", lambda error: troubles.append(str(error)))
-        for path, region in (("", "Robot"), ("3d", "Selected robot")):
-            for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
+        facts = {"A": r"actual: nearest .* in no map", "V": r"virtual: nearest 1\.\d\d m"}
+        for path, region, robots in (("", "Robot", "AV"), ("3d", "Selected robot", "A")):
+            for robot, fact in [(name, facts[name]) for name in robots]:
                 page.goto(f"{place.address}{path}?robot={robot}")
                 panel = page.get_by_label(f"Robot {robot}" if region == "Robot" else region, exact=True)
                 sync.expect(panel).to_contain_text(re.compile(fact))
@@ -167,3 +193,49 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
                 page.get_by_role("button", name="Lasers and proximity").click()
                 sync.expect(page.get_by_label("Rays of sensors")).to_have_count(0)
         assert troubles == []
+
+
+@pytest.mark.skipif(not chromium(), reason="there is no chromium on this machine")
+def test_a_program_goes_to_the_computer_of_a_robot(place: Place, tmp_path: Path) -> None:
+    """A virtual robot checks it. The form tells what it has found, and remembers the address."""
+    sync = pytest.importorskip("playwright.sync_api", reason="playwright, which moves the browser, is not installed")
+    from tests.system.test_console_in_browser import operator
+
+    with (
+        running_stand_in(tmp_path / "robot", orb=place.orb) as robot,
+        claimed_ports() as port,
+        operator(chromium() or "", place.address) as user,
+        user.telling(),
+    ):
+        alone = ("--agent-only", "--endpoint", f"127.0.0.1:{port}", "--adaptor", "smartpal")
+        where = ("--floor", "L1", "--at", "4.9,8.0,0", *alone, "--", "--naming", str(robot.naming))
+        with robot_process(tmp_path, place.orb, "U", *where):
+            user.open("Program")
+            page, host = user.page, "Host of the robot's computer"
+            page.get_by_label("Robot", exact=True).select_option("V")
+            page.get_by_label("Name of the program").fill("wave")
+            user.add("mhand_posture", hand="left", posture="carry")
+            user.button("Upload").click()
+            sync.expect(user.button("Test")).to_be_disabled()
+            page.get_by_label(host).fill("127.0.0.1")
+            page.get_by_label("Port of the robot's computer").fill(str(port))
+            user.button("Test").click()
+            panel = page.get_by_label("Upload to the robot's computer")
+            sync.expect(panel).to_contain_text("U answers: adaptor smartpal, no range sensors, waiting for an order")
+            user.button(re.compile("^Upload and run")).click()
+            sync.expect(panel).to_contain_text("U has upload 1 and runs it")
+
+            def is_reported() -> bool:
+                user.button("Test").click()
+                return "wave: done, 1 icon done" in (panel.text_content() or "")
+
+            eventually(is_reported, PATIENCE_S, "the report")
+            page.reload()
+            user.button("Upload").click()
+            sync.expect(page.get_by_label(host)).to_have_value("127.0.0.1")
+            user.button("Switch to actual").click()
+            sync.expect(page.get_by_label("Host of the robot's naming service")).to_have_value("")
+            sync.expect(page.get_by_label("Adaptor", exact=True)).to_have_value("smartpal")
+            page.get_by_label("Adaptor", exact=True).select_option("corba")
+            sync.expect(page.get_by_label("Reference of the adaptor")).to_be_visible()
+            assert not user.troubles

@@ -5,11 +5,9 @@ own. What happens to a crew is one story, of which each step is asserted."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import subprocess
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
 from pathlib import Path
@@ -17,19 +15,15 @@ from typing import Any
 
 import pytest
 
-from robocorba.errors.services import NotReachable
-from robocorba.map_editor import native
-from robocorba.missions.formation import HAND_M
-from robocorba.robot.agent_state import AgentCondition
+from robocorba.robot.agent_state import ProgramResult
 from robocorba.robot.corba.remote_data_pool import RemotePool
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
 from robocorba.simulation.mission_record import MissionResult
-from robocorba.simulation.registry import Pose
-from robocorba.system.repeating import Repeating
-from testkit.buildings import two_storeys
-from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
+from testkit.missions import FLOOR, MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
 from testkit.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(minutes=2), pytest.mark.full]
 
 #: The phases of a mission from when hands grip.
 TAKEN_HOLD = ("gripping", "carrying", "putting down", "backing off")
@@ -101,7 +95,6 @@ class Crew:
     def carry_table(self) -> None:
         self.replace_a_killed_helper()
         self.carry_well()
-        self.name_what_blocks()
 
     def carry_desk(self) -> None:
         self.outlive_the_leaders_channel()
@@ -144,14 +137,6 @@ class Crew:
         assert page.parent.name == report["mission"]
         assert "gripping" in page.read_text()
         assert (page.parent / "timeline.png").stat().st_size > 1000
-
-    def name_what_blocks(self) -> None:
-        for thing, why in (
-            ("table", "door"),
-            ("sofa", "there is no object 'sofa' that can be carried; there are desk, table"),
-        ):
-            code, out, err = self.place.outcome(self.place.mission("A", thing, "L1:8,2.6"))
-            assert (code, why in out + err) == (1, True), out + err
 
     def outlive_the_leaders_channel(self) -> None:
         """The carry waits for it, or begins again."""
@@ -203,13 +188,34 @@ class Crew:
 @pytest.mark.timeout(8 * MISSION_LIMIT_S)
 def test_two_crews_whose_robots_and_servers_are_killed(tmp_path: Path) -> None:
     with missions(tmp_path, save_three_rooms(tmp_path), "lab,hall,yard") as place:
-        place.start(TABLE_CREW | DESK_CREW)
+        place.start(TABLE_CREW, "--protect", "on")
+        place.start(DESK_CREW)
         with ThreadPoolExecutor(2) as pool:
             table = pool.submit(Crew(place, TABLE_CREW, "table").carry_table)
             desk = pool.submit(Crew(place, DESK_CREW, "desk").carry_desk)
         table.result()
         desk.result()
+        check_protective_field(place)
         keep_missions_over_a_kill(place)
+
+
+def check_protective_field(place: MissionSystem) -> None:
+    """The crew of the table has it: A and B swap places, and B does not drive into a wall."""
+    collisions, b = place.collisions, place.agent("B")
+    starts = {name: place.body(name)[:2] for name in "AB"}
+    for name, other in ("AB", "BA"):
+        place.agent(name).load(dumps(ProgramBuilder("swap").mbase_path(FLOOR, *starts[other]).program()))
+    for name in "AB":
+        place.agent(name).run()
+    for name in "AB":
+        agent = place.agent(name)
+        eventually(lambda agent=agent: agent.state().program.result is not ProgramResult.NO_RESULT, 240.0, name)
+        assert agent.state().program.result is ProgramResult.DONE, agent.state().program
+    b.load(dumps(ProgramBuilder("into the wall").mbase_velocity(0.0, 0.38, 0.0, 60.0).program()))
+    b.run()
+    eventually(lambda: b.state().program.result is ProgramResult.FAILED, 120.0, "it stands before the wall")
+    assert "sees something 0.0" in b.state().program.reason
+    assert place.collisions == collisions
 
 
 def keep_missions_over_a_kill(place: MissionSystem) -> None:
@@ -236,85 +242,3 @@ def keep_missions_over_a_kill(place: MissionSystem) -> None:
     assert listed["icon"]["icon"] == "move_table"
     assert listed["attempts"] >= 1
     assert listed["report"] == reports[done]
-
-
-# ---- over floors ----
-
-START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)
-#: The box at its goal, rad; its grips from the hands, m; how far from start and goal it is certainly carried, m.
-NEAR_RAD, SLIPPED_M, AWAY_M = math.radians(3.0), 0.02, 0.1
-LOOK_S = 0.2
-#: Where the box and who is with it are at one moment.
-Moment = dict[str, Pose]
-
-
-def is_carried(moment: Moment) -> bool:
-    """Whether the box is on its way for certain."""
-    box = moment["box"]
-    return all(box.floor != there.floor or math.dist(box[1:3], there[1:3]) > AWAY_M for there in (START, GOAL))
-
-
-def hand(moment: Moment, robot: str) -> tuple[float, float]:
-    """In the frame of the box, m."""
-    box, base = moment["box"], moment[robot]
-    x = base.x + HAND_M * math.cos(base.heading) - box.x
-    y = base.y + HAND_M * math.sin(base.heading) - box.y
-    c, s = math.cos(box.heading), math.sin(box.heading)
-    return c * x + s * y, c * y - s * x
-
-
-@pytest.mark.timeout(5 * MISSION_LIMIT_S)
-def test_the_other_one_carries_on_alone_when_the_leader_is_killed_in_the_cabin(tmp_path: Path) -> None:
-    """Two robots carry a box up one floor; until the leader is killed it is the example of docs/mission.md."""
-    seen: list[Moment] = []
-    native.save(two_storeys(), tmp_path / "two-storeys.yaml")
-    with missions(tmp_path, tmp_path / "two-storeys.yaml", "main") as place:
-
-        def look() -> None:
-            with contextlib.suppress(NotReachable):
-                poses = place.poses()
-                moment = {name: pose for name, pose in poses.items() if pose.floor == poses["box"].floor}
-                if "B" in moment:
-                    seen.append(moment)
-
-        def is_riding() -> bool:
-            """By the record of mission control, which the one who carries on continues."""
-            assert user.poll() is None, user.communicate()
-            return any(phase.name == "riding" for state in place.missions_since(0) for phase in state.content.phases)
-
-        place.start({"A": RobotStart(4.2, 2.2, 0.785, "main"), "B": RobotStart(6.6, 4.8, -2.36, "main")})
-        with contextlib.closing(Repeating("watch", look, LOOK_S).start()):
-            user = place.mission("A", "box", f"L2:{GOAL.x},{GOAL.y},{GOAL.heading}")
-            eventually(is_riding, MISSION_LIMIT_S, "riding")
-            place.kill("A")
-            code, out, err = place.outcome(user)
-        assert (code, out.splitlines()[-1].split("\t")[0], err) == (0, "done", ""), out
-        look()
-        check_box(seen)
-        state = place.agent("B").state()
-        assert (state.at.floor, state.condition) == ("L2", AgentCondition.IDLE)
-        assert [body.name for body in RemotePool(place.orb, "B").content().came if body.name == "box"]
-        (mission,) = place.control.missions_since(0)
-        assert (mission.content.leader, mission.content.term) == ("B", 2)
-        # On a busy machine a carry may wait for the positions of others.
-        names = [phase.name for phase in mission.content.phases if not phase.name.startswith("waiting: ")]
-        assert [name for name, _ in groupby(names)] == [
-            *("asking", "reserving", "gathering", "approaching", "gripping", "carrying", "waiting for the cabin"),
-            *("driving in", "riding", "recovering", "riding without A", "driving out without A", "carrying without A"),
-            *("putting down without A", "backing off without A"),
-        ]
-
-
-def check_box(seen: Sequence[Moment]) -> None:
-    """It was never let go of on its way, and stands at its goal."""
-    carried = [moment for moment in seen if is_carried(moment)]
-    assert {moment["box"].floor for moment in carried} == {"L1", "L2"}
-    assert len(carried) > 30
-    together, alone = ([moment for moment in carried if ("A" in moment) is both] for both in (True, False))
-    for robot, moments in (("A", together), ("B", together), ("B", alone)):
-        grips = [hand(moment, robot) for moment in moments]
-        assert max(math.dist(grip, grips[0]) for grip in grips) < SLIPPED_M
-    box = seen[-1]["box"]
-    assert box.floor == GOAL.floor
-    assert math.dist(box[1:3], GOAL[1:3]) < NEAR_M
-    assert abs(math.remainder(box.heading - GOAL.heading, math.tau)) < NEAR_RAD

@@ -1,0 +1,218 @@
+"""Robots on two floors: they swap floors by the only elevator, then carry a box up, of whom one is killed in the cabin.
+What they say meanwhile on their touch panels a client, the console, `robocorba watch` and `robocorba status` read
+in the same words."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
+from typing import Any
+
+import pytest
+
+from robocorba.console.system_state import SystemState
+from robocorba.errors.services import NotReachable
+from robocorba.missions.formation import HAND_M
+from robocorba.robot.agent_state import AgentCondition, ProgramResult
+from robocorba.robot.corba.remote_data_pool import RemotePool
+from robocorba.robot.display import DisplayKind
+from robocorba.robot.programs import program
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.simulation.registry import Pose
+from robocorba.system.repeating import Repeating
+from testkit.buildings import two_storeys
+from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, missions
+from testkit.processes import ROBOCORBA, eventually, read_json
+
+pytestmark = [pytest.mark.system, pytest.mark.slow(minutes=2), pytest.mark.full]
+
+PATIENCE_S = 120.0
+ORDER = "waiting", "waiting for an order"
+#: Before the elevator, on either floor.
+CROSSING = {"C": RobotStart(6.6, 3.5, 0.0, "main"), "D": RobotStart(6.0, 3.5, 0.0, "main", floor="L2")}
+CARRYING = {"A": RobotStart(4.2, 2.2, 0.785, "main"), "B": RobotStart(6.6, 4.8, -2.36, "main")}
+#: The box.
+START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)
+#: The box at its goal, m and rad; its grips from the hands, m; how far from start and goal it is certainly carried, m.
+NEAR_M, NEAR_RAD, SLIPPED_M, AWAY_M = 0.05, math.radians(3.0), 0.02, 0.1
+LOOK_S = 0.2
+#: Where the box and who is with it are at one moment.
+Moment = dict[str, Pose]
+
+
+class Viewers:
+    """Who shows what the robots of `place` show."""
+
+    def __init__(self, place: MissionSystem, console: SystemState) -> None:
+        self.place, self._console = place, console
+
+    def all_show(self, robot: str, kind: str, text: str) -> None:
+        """Wait until they all do."""
+        for viewer in (self.agent, self._console_page, self._watch, self._status):
+            seen: list[Any] = []
+
+            def shows(viewer: Callable[[str], Any] = viewer, seen: list[Any] = seen) -> bool:
+                seen.append(viewer(robot))
+                return seen[-1] in ((kind, text), text)
+
+            with contextlib.suppress(AssertionError):
+                eventually(shows, PATIENCE_S)
+            assert seen[-1] in ((kind, text), text), list(dict.fromkeys(seen))
+
+    def agent(self, robot: str) -> tuple[str, str]:
+        shown = self.place.agent(robot).display()
+        return shown.kind.name.lower(), shown.text
+
+    def _console_page(self, robot: str) -> tuple[str, str] | None:
+        row = self._console.rows()["robots"].get(robot, {"state": None})
+        return (row["state"]["display"]["kind"], row["state"]["display"]["text"]) if row["state"] else None
+
+    def _status(self, robot: str) -> tuple[str, str]:
+        command = (ROBOCORBA, "status", "--json", "--state", str(self.place.running.state))
+        answer = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
+        kind, text = read_json(answer.stdout)["robots"].get(robot, ("", ""))
+        return kind, text
+
+    def _watch(self, robot: str) -> str:
+        rows = read_json(self.place.printed("watch", "--json"))["robots"]
+        return next(str(row["display"]) for row in rows if row["name"] == robot)
+
+
+@pytest.fixture(scope="module")
+def viewers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewers]:
+    with missions(tmp_path_factory.mktemp("floors"), two_storeys(), "main") as place:
+        console = SystemState(place.orb)
+        console.start()
+        try:
+            yield Viewers(place, console)
+        finally:
+            console.close()
+
+
+def test_a_robot_leaves_the_cabin_straight_towards_another_that_waits_for_it_and_says_so(viewers: Viewers) -> None:
+    """Each is where the other one goes. Time nearly stands while all look."""
+    place = viewers.place
+    place.start(CROSSING)
+    agents = {name: place.agent(name) for name in CROSSING}
+    for name, other in (("C", "D"), ("D", "C")):
+        at = CROSSING[other]
+        agents[name].load(program.dumps(ProgramBuilder("change floors").mbase_path(at.floor, at.x, at.y).program()))
+        agents[name].run()
+    awaits = ("waiting", "waiting for elevator E1")
+    eventually(lambda: viewers.agent("D")[1].startswith(awaits[1]), PATIENCE_S, "D waits")
+    pace = ("simulation", "pace", "--state", str(place.running.state))
+    place.printed(*pace, "0.02")
+    viewers.all_show("D", *viewers.agent("D"))
+    assert viewers.agent("D")[1].startswith(awaits[1])
+    place.printed(*pace, "1")
+    for name, agent in agents.items():
+        eventually(lambda agent=agent: agent.state().program.result is not ProgramResult.NO_RESULT, 300.0, name)
+        assert agent.state().program.result is ProgramResult.DONE, agent.state().program
+    agents["C"].stop()
+    viewers.all_show("C", "exceptional", "stopped: emergency stop")
+    agents["C"].reset_stop()
+    viewers.all_show("C", *ORDER)
+    place.end()
+
+
+class Truth:
+    """How long robots stand and say that they work."""
+
+    def __init__(self, place: MissionSystem) -> None:
+        self._place = place
+        self._lasts_s, self._before_s = dict.fromkeys(CARRYING, 0.0), dict.fromkeys(CARRYING, math.inf)
+        self.most_s = 0.0
+
+    def look(self, robot: str) -> None:
+        agent = self._place.agent(robot)
+        actor, shown = agent.state().actor, agent.display()
+        is_moving = max(map(abs, (*actor.velocity, *actor.joint_velocities))) > 0.01
+        is_true = is_moving or shown.kind is not DisplayKind.WORKING
+        passed_s = max(0.0, actor.time - self._before_s[robot])
+        self._lasts_s[robot] = 0.0 if is_true else self._lasts_s[robot] + passed_s
+        self._before_s[robot], self.most_s = actor.time, max(self.most_s, self._lasts_s[robot])
+
+
+def is_carried(moment: Moment) -> bool:
+    """Whether the box is on its way for certain."""
+    box = moment["box"]
+    return all(box.floor != there.floor or math.dist(box[1:3], there[1:3]) > AWAY_M for there in (START, GOAL))
+
+
+def hand(moment: Moment, robot: str) -> tuple[float, float]:
+    """In the frame of the box, m."""
+    box, base = moment["box"], moment[robot]
+    x = base.x + HAND_M * math.cos(base.heading) - box.x
+    y = base.y + HAND_M * math.sin(base.heading) - box.y
+    c, s = math.cos(box.heading), math.sin(box.heading)
+    return c * x + s * y, c * y - s * x
+
+
+@pytest.mark.timeout(5 * MISSION_LIMIT_S)
+def test_the_other_one_carries_on_alone_when_the_leader_is_killed_in_the_cabin(viewers: Viewers) -> None:
+    """Until the leader is killed it is the example of docs/mission.md."""
+    place, seen = viewers.place, list[Moment]()
+    truth = Truth(place)
+
+    def look() -> None:
+        with contextlib.suppress(NotReachable):
+            poses = place.poses()
+            moment = {name: pose for name, pose in poses.items() if pose.floor == poses["box"].floor}
+            if "B" in moment:
+                seen.append(moment)
+
+    def is_riding() -> bool:
+        """By the record of mission control, which the one who carries on continues."""
+        assert user.poll() is None, user.communicate()
+        for name in CARRYING:
+            truth.look(name)
+        return any(phase.name == "riding" for state in place.missions_since(0) for phase in state.content.phases)
+
+    place.start(CARRYING)
+    user = place.mission("A", "box", f"L2:{GOAL.x},{GOAL.y},{GOAL.heading}")
+    helper = place.agent("B")
+    eventually(lambda: helper.display().text.startswith("gathering ("), PATIENCE_S, "B gathers")
+    helper.pause()
+    viewers.all_show("B", "waiting", f"paused: gathering (mission {place.led_by('A')}.1)")
+    viewers.all_show("A", "waiting", "waiting for B")
+    assert place.agent("A").display().seconds > 1.0
+    helper.resume()
+    with contextlib.closing(Repeating("watch", look, LOOK_S).start()):
+        eventually(is_riding, MISSION_LIMIT_S, "riding")
+        place.kill("A")
+        code, out, err = place.outcome(user)
+    assert (code, out.splitlines()[-1].split("\t")[0], err) == (0, "done", ""), out
+    look()
+    check_box(seen)
+    assert truth.most_s < 10.0
+    viewers.all_show("B", *ORDER)
+    state = place.agent("B").state()
+    assert (state.at.floor, state.condition) == ("L2", AgentCondition.IDLE)
+    assert [body.name for body in RemotePool(place.orb, "B").content().came if body.name == "box"]
+    (mission,) = place.control.missions_since(0)
+    assert (mission.content.leader, mission.content.term) == ("B", 2)
+    # On a busy machine a carry may wait for the positions of others.
+    names = [phase.name for phase in mission.content.phases if not phase.name.startswith("waiting: ")]
+    assert [name for name, _ in groupby(names)] == [
+        *("asking", "reserving", "gathering", "approaching", "gripping", "carrying", "waiting for the cabin"),
+        *("driving in", "riding", "recovering", "riding without A", "driving out without A", "carrying without A"),
+        *("putting down without A", "backing off without A"),
+    ]
+
+
+def check_box(seen: Sequence[Moment]) -> None:
+    """It was never let go of on its way, and stands at its goal."""
+    carried = [moment for moment in seen if is_carried(moment)]
+    assert {moment["box"].floor for moment in carried} == {"L1", "L2"}
+    assert len(carried) > 30
+    together, alone = ([moment for moment in carried if ("A" in moment) is both] for both in (True, False))
+    for robot, moments in (("A", together), ("B", together), ("B", alone)):
+        grips = [hand(moment, robot) for moment in moments]
+        assert max(math.dist(grip, grips[0]) for grip in grips) < SLIPPED_M
+    box = seen[-1]["box"]
+    assert box.floor == GOAL.floor
+    assert math.dist(box[1:3], GOAL[1:3]) < NEAR_M
+    assert abs(math.remainder(box.heading - GOAL.heading, math.tau)) < NEAR_RAD
