@@ -146,62 +146,28 @@ def test_a_robot_that_does_not_confirm_holds_up_no_other_and_why_is_in_the_answe
     assert len(warnings) == len(problems)
 
 
-def test_robots_are_held_over_a_restart(scene: Scene) -> None:
-    scene.stops.start()
-    session = scene.agent.register(robot("A"))
-    scene.stops.report_target(session, "unit", True)
-    scene.stops.stop(["A"], "fire")
-    assert read_records(scene.file)["A"].held == "fire"
-    assert scene.file.stat().st_mode & 0o077 == 0
-    with restarted(scene) as again:
-        (session,) = again.agent.sessions.values()
-        with pytest.raises(InvalidCommand, match="fire"):
-            session.command(0.5, 0.0, 0.0, 5.0)
-        again.stops.stop(["A"], "")
-        eventually(lambda: again.calls == [("unit", "fire", 2)], PATIENCE_S)
-
-
-def test_a_stop_holds_the_next_robot_of_the_name_until_it_is_reset(scene: Scene) -> None:
-    scene.stops.start()
-    session = scene.agent.register(robot("A"))
-    scene.stops.report_target(session, "unit", True)
-    scene.stops.stop(["A"], "fire")
-    eventually(lambda: scene.calls, PATIENCE_S)
-    session.deregister()
-    session = scene.agent.register(robot("A"))
-    assert refuses(session)
-    assert scene.stops.hold(session) == (True, 1, "fire")
-    scene.stops.stop(["A"], "again")
-    assert len(scene.calls) == 1  # not the former robot's target
-    scene.stops.reset(session)
-    assert not refuses(session)
-    session.deregister()
-    eventually(lambda: not read_records(scene.file), PATIENCE_S)
-
-
-def test_a_stop_of_a_robot_that_restarts_waits_for_it_over_a_restart_of_the_server(scene: Scene) -> None:
-    assert scene.stops.stop(["A", "not a name"], "fire") == []
-    with restarted(scene) as again:
-        session = again.agent.register(robot("A"))
-        assert refuses(session)
-        assert not refuses(again.agent.register(robot("B", x=5.0)))
-        session.deregister()
-        again.stops.reset_robot("A")
-        with pytest.raises(UnknownRobot):
-            again.stops.reset_robot("A")
-        assert not refuses(again.agent.register(robot("A")))
-
-
-def test_names_that_never_existed_fill_no_disk(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_of_a_robot_that_restarts_waits_for_it_and_names_that_never_existed_fill_no_disk(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(emergency_stops, "MAX_ABSENT", 2)
     session = scene.agent.register(robot("A"))
-    scene.stops.stop(["X1", "X2"], "")
+    assert scene.stops.stop(["X1", "X2", "not a name"], "fire") == []
     scene.stops.stop(["X3", "A"], "")
     assert set(read_records(scene.file)) == {"A", "X1", "X2"}
     assert refuses(session)
+    with restarted(scene) as again:
+        session = again.agent.register(robot("X1", x=5.0))
+        assert refuses(session)
+        assert not refuses(again.agent.register(robot("B", x=3.5)))
+        session.deregister()
+        again.stops.reset_robot("X1")
+        with pytest.raises(UnknownRobot):
+            again.stops.reset_robot("X1")
+        assert not refuses(again.agent.register(robot("X1", x=5.0)))
 
 
-def test_a_robot_reports_a_stop_of_its_own(scene: Scene) -> None:
+def test_a_robot_reports_a_stop_of_its_own_which_holds_over_a_restart(scene: Scene) -> None:
+    scene.stops.start()
     session = scene.agent.register(robot("A"))
     scene.stops.report_target(session, "unit", True)
     assert scene.stops.report_stop(session, "button") == (True, (True, 1, "button"))
@@ -209,11 +175,13 @@ def test_a_robot_reports_a_stop_of_its_own(scene: Scene) -> None:
     assert scene.stops.end(session, 2) == (True, 1, "button")  # no stop of this number yet
     assert refuses(session)
     assert scene.calls == scene.published == []
+    assert (read_records(scene.file)["A"].held, scene.file.stat().st_mode & 0o077) == ("button", 0)
     with restarted(scene) as again:
         (session,) = again.agent.sessions.values()
         seen = again.stops.hold(session)
         assert seen == (True, 1, "button")
         again.stops.stop(["A"], "smoke")
+        eventually(lambda: again.calls == [("unit", "button", 2)], PATIENCE_S)
         assert again.stops.end(session, seen.number) == (True, 2, "smoke")  # it has not seen that one
         assert refuses(session)
         assert again.stops.end(session, 2) == (False, 2, "")
@@ -223,8 +191,9 @@ def test_a_robot_reports_a_stop_of_its_own(scene: Scene) -> None:
             again.stops.report_stop(session, "late")
 
 
-def test_each_stop_is_delivered_to_the_robot(scene: Scene) -> None:
+def test_each_stop_is_delivered_to_the_robot_and_holds_the_next_one_of_its_name(scene: Scene) -> None:
     """Also a second one: the robot has to know its number for a reset."""
+    scene.stops.start()
     session = scene.agent.register(robot("A"))
     scene.stops.report_target(session, "unit", True)
     for number in (1, 2):
@@ -233,6 +202,16 @@ def test_each_stop_is_delivered_to_the_robot(scene: Scene) -> None:
         eventually(lambda: scene.stops.state(session).is_confirmed, PATIENCE_S)
         scene.stops.states(["A"])  # only looks
     assert scene.calls == [("unit", "fire", 1), ("unit", "fire", 2)]
+    session.deregister()
+    session = scene.agent.register(robot("A"))
+    assert refuses(session)
+    assert scene.stops.hold(session) == (True, 2, "fire")
+    scene.stops.stop(["A"], "again")
+    assert len(scene.calls) == 2  # not the former robot's target
+    scene.stops.reset(session)
+    assert not refuses(session)
+    session.deregister()
+    eventually(lambda: not read_records(scene.file), PATIENCE_S)
 
 
 def test_stops_of_the_first_release_hold(scene: Scene) -> None:

@@ -1,5 +1,5 @@
 """The communication management agent beside what test_log_on.py tries: its thread, records, scans, and what it refuses;
-the time of leases; sensor servers."""
+sensor servers."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
@@ -26,7 +24,6 @@ from robocorba.errors.simulation import (
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import Limits, Pose
 from robocorba.simulation import management_agent
-from robocorba.simulation.attended_time import LONGEST_PAUSE_S, AttendedTime
 from robocorba.simulation.load_balance import SENSOR_LEASE_S, Load, LoadBalance
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
@@ -150,12 +147,12 @@ def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: 
     assert agent.record_robot_scans([]) < 0.1  # somebody reads them
     agent.record_scans([last_scan(0.5)])
     session.deregister()
-    assert database.postures("L1", 0.0) == database.reservations() == []
-    assert database.scans_since("L1", 0.0) == database.last_scans("L1") == []
     began = agent.register(robot("A")).began
-    agent.record_robot_scans([scan("A", 0.9)])  # of the first A, on its way while that logged off
-    agent.record_scans([last_scan(began - 0.1)])
-    assert database.scans_since("L1", 0.0) == database.last_scans("L1") == []
+    assert database.postures("L1", 0.0) == database.reservations() == []
+    for late in ([], [scan("A", 0.9)]):  # of the first A, on its way while that logged off
+        agent.record_robot_scans(late)
+        agent.record_scans([last_scan(began - 0.1)] * len(late))
+        assert database.scans_since("L1", 0.0) == database.last_scans("L1") == []
     agent.record_scans([last_scan(began + 0.1)])
     assert [found.time for found in database.last_scans("L1")] == [began + 0.1]
     for read in (database.postures, database.scans_since):
@@ -213,23 +210,6 @@ def test_an_invalid_description_names_the_field(field: str, changed: dict) -> No
     with pytest.raises(InvalidDescription) as refused:
         Description(**{"name": "A", "pose": Pose("L1", 0.0, 0.0), **changed})
     assert refused.value.field == field
-
-
-# ---- the time of leases ----
-
-
-@given(st.lists(st.tuples(st.floats(0.0, 10.0), st.booleans())))
-def test_time_in_which_the_server_is_held_up_does_not_count(pauses: list[tuple[float, bool]]) -> None:
-    clock = Clock()
-    attended, expected, pause_s = AttendedTime(clock), clock.now, 0.0
-    for seconds, works in pauses:
-        clock.now += seconds
-        pause_s += seconds
-        assert attended() == pytest.approx(expected + min(pause_s, LONGEST_PAUSE_S))
-        if works:
-            attended.attend()
-            expected, pause_s = expected + min(pause_s, LONGEST_PAUSE_S), 0.0
-            assert attended() == pytest.approx(expected)
 
 
 # ---- sensor servers ----
