@@ -41,17 +41,17 @@ def ended(at: float, **more: Any) -> MissionContent:
 
 
 class Robots:
-    """Robots as mission control calls them. lead: the mission that each leads; absent ones don't answer."""
+    """Robots as mission control calls them. refusing: those that refuse to lead. lead: the mission that each leads;
+    absent ones don't answer."""
 
-    def __init__(self, **lead: str) -> None:
-        self.lead = lead
-        self.refusal: Exception | None = None
+    def __init__(self, *refusing: str, **lead: str) -> None:
+        self.refusing, self.lead = refusing, lead
         self.aborted: list[str] = []
         self.called: list[str] = []
 
     def start(self, leader: str, mission: str, icon: str, term: int) -> None:
-        if self.refusal:
-            raise self.refusal
+        if leader in self.refusing:
+            raise IllegalOrder("run a program", "runs a program")
         self.mission_of(leader)
         self.lead[leader] = mission
 
@@ -271,7 +271,7 @@ def test_a_refusal_leaves_no_record_and_robots_that_hang_do_not_occupy_the_serve
     control = MissionControl(missions, robots)
     with pytest.raises(NoLeader, match="robot A does not answer"):
         control.start("A", ICON)
-    robots.refusal = IllegalOrder("load a program", "runs a program")
+    robots.refusing = ("A",)
     with pytest.raises(IllegalOrder):
         control.start("A", ICON)
     assert missions.since(0) == []
@@ -331,21 +331,8 @@ def test_a_mission_without_a_leader_fails(
     assert missions.mission("one").content.result is MissionResult.DONE, "what a leader says that comes back"
 
 
-class Choosy(Robots):
-    """Some refuse to lead."""
-
-    def __init__(self, *refusing: str, **lead: str) -> None:
-        super().__init__(**lead)
-        self._refusing = refusing
-
-    def start(self, leader: str, mission: str, icon: str, term: int) -> None:
-        if leader in self._refusing:
-            raise IllegalOrder("run a program", "runs a program")
-        super().start(leader, mission, icon, term)
-
-
 def test_the_nearest_robot_that_can_leads(missions: MissionDirectory) -> None:
-    robots = Choosy("B", A="", B="", C="", D="")
+    robots = Robots("B", A="", B="", C="", D="")
     control = MissionControl(missions, robots, lambda about: ["B", "gone", "C", "D"] if about == "desk" else [])
     name = control.start("", '{"icon": "move_table", "table": "desk"}')
     assert name.startswith("desk-")
@@ -361,7 +348,7 @@ def test_the_nearest_robot_that_can_leads(missions: MissionDirectory) -> None:
 
 
 def test_a_mission_whose_leader_is_gone_is_given_to_another_robot(missions: MissionDirectory) -> None:
-    clock, robots = Clock(0.0), Choosy("B", B="", C="")
+    clock, robots = Clock(0.0), Robots("B", B="", C="")
     watch = LeaderWatch(missions, robots, lambda robot: False, clock, lambda about: ["A", "B", "C"])
     put(missions, "one", msgspec.structs.replace(RUNNING, icon={"icon": "move_table"}))
     for clock.now in (0.0, HAND_OVER_S - 0.1):
@@ -379,7 +366,7 @@ def test_a_mission_whose_leader_is_gone_is_given_to_another_robot(missions: Miss
 
 
 def test_a_mission_ends_once_nobody_can_lead_it_for_long(missions: MissionDirectory) -> None:
-    clock, robots = Clock(0.0), Choosy("B", A="one", B="")
+    clock, robots = Clock(0.0), Robots("B", A="one", B="")
     watch = LeaderWatch(missions, robots, lambda robot: False, clock, lambda about: ["A", "B"])
     put(missions, "one", msgspec.structs.replace(RUNNING, icon={"icon": "move_table"}))
     for clock.now in range(0, 100, 5):
