@@ -369,6 +369,7 @@ def test_a_shaft_shows_where_its_cabin_is() -> None:
     ink = [(above != below).any(axis=2) & (rgb == ImageColor.getrgb(INK)).all(axis=2) for rgb in (above, below)]
     rows = [np.nonzero(each)[0].mean() for each in ink]
     assert rows[0] > rows[1] + 1, "a triangle is wide at its lower end where it points up"
+    assert Shown(view_of(E9=standing("L1"))).png == Shown(view_of()).png, "an elevator that is not there"
     for share, same in ((math.nan, 0.0), (-3.0, 0.0), (7.0, 1.0)):
         odd, wanted = (Shown(view_of(E1=standing("L1", each))) for each in (share, same))
         assert odd.png == wanted.png, "shares of an opening are limited"
