@@ -130,7 +130,6 @@ def grid(side: int, walls: int, floors: int = 1, doors: int = 0) -> Building:
 #: Few names and a coarse grid, so that elements touch, replace each other and collide.
 names = st.sampled_from(["a", "b", "c"])
 spots = st.tuples(*[st.integers(0, 8).map(lambda value: value / 2)] * 2)
-far_spots = st.tuples(*[st.integers(-20, 20).map(float)] * 2)
 floor_names = st.sampled_from(["L1", "L2", "L3"])
 rings = st.sampled_from([(), ((0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)), ((-1.0, -1.0), (9.0, -1.0), (4.0, 9.0))])
 shapes = st.one_of(

@@ -19,7 +19,7 @@ TOLERANCE_M = 1e-6
 
 
 class FloorGeometry:
-    """The obstacles of a floor, and its one-way edges."""
+    """The obstacles of a floor."""
 
     def __init__(self, building: Building, name: str) -> None:
         self.building, self.name = building, name
@@ -30,20 +30,9 @@ class FloorGeometry:
         self.outline = Polygon(entry.floor.outline) if entry.floor.outline else None
         if self.outline is not None:
             shapely.prepare(self.outline)
-        nodes = entry.topological.nodes
-        self.lanes = [
-            LineString([nodes[edge.a].at, nodes[edge.b].at])
-            for edge in entry.topological.edges.values()
-            if edge.one_way
-        ]
 
     def point_is_free(self, at: XY, radius_m: float) -> bool:
         return not self.touching([(at, at)], radius_m)
-
-    def is_near_lane(self, a: XY, b: XY, reach_m: float) -> bool:
-        """Whether a one-way edge is so near that it may forbid the drive from a to b."""
-        line = LineString([a, b])
-        return any(line.distance(lane) <= reach_m for lane in self.lanes)
 
     def clearance(self, at: XY) -> float:
         """Distance from a place to the nearest obstacle [m]."""

@@ -7,7 +7,6 @@ import json
 import struct
 import time
 from collections.abc import Callable
-from types import TracebackType
 from typing import Any
 
 from websockets.sync.client import connect
@@ -38,9 +37,7 @@ class FoxgloveClient:
     def __enter__(self) -> FoxgloveClient:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._closing.close()
 
     def until(self, is_true: Callable[[], object], limit_s: float = 40.0) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import os
 import shutil
 import signal
 import subprocess
@@ -23,7 +22,7 @@ from omniORB import CORBA
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor import native
-from robocorba.map_editor.model import BoxShape, Building, Door, Floor, FloorMap, GeometricalMap, MapObject, Wall
+from robocorba.map_editor.model import BoxShape, Building, Door, Element, Floor, FloorMap, MapObject, Wall
 from robocorba.map_editor.spatial.floor_update import WHOLE
 from robocorba.map_editor.topology import topological_map
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
@@ -38,6 +37,7 @@ from robocorba.simulation.registry import Pose
 from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import MISSIONS
+from testkit.buildings import with_all
 from testkit.processes import ROBOCORBA, Launcher, Running, drain, eventually, forked_processes, running_system
 
 FLOOR = "L1"
@@ -49,22 +49,15 @@ def three_rooms() -> Building:
     """West: a room of 6 x 5 m with a table for three robots. East: one of 4 x 5 m with a door to it. North: a separate
     one of 6 x 5 m with a desk for two robots."""
     outline = ((0.0, 0.0), (10.0, 0.0), (10.0, 5.0), (6.0, 5.0), (6.0, 10.0), (0.0, 10.0))
-    walls = [
-        Wall(f"wall-{number}", a, b)
-        for number, (a, b) in enumerate(zip(outline, (*outline[1:], outline[0]), strict=True))
-    ]
-    walls.append(Wall("wall-between", (6.0, 0.0), (6.0, 5.0)))
-    walls.append(Wall("wall-north", (0.0, 5.0), (6.0, 5.0)))
-    objects = [
+    ends = [*zip(outline, (*outline[1:], outline[0]), strict=True), ((6.0, 0.0), (6.0, 5.0)), ((0.0, 5.0), (6.0, 5.0))]
+    elements: list[Element] = [Wall(f"wall-{number}", a, b) for number, (a, b) in enumerate(ends)]
+    elements += [
         MapObject("table", BoxShape((1.2, 0.8)), (2.2, 2.6), height=0.7, movable=True),
         MapObject("desk", BoxShape((1.0, 0.8)), (2.2, 7.6), height=0.7, movable=True),
+        Door("door", (6.0, 1.9), (6.0, 3.3)),
     ]
-    plan = GeometricalMap(
-        {wall.name: wall for wall in walls},
-        {each.name: each for each in objects},
-        {"door": Door("door", (6.0, 1.9), (6.0, 3.3))},
-    )
-    building = Building("three rooms", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), plan)})
+    building = Building("three rooms", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline))})
+    building = with_all(building, [(FLOOR, element) for element in elements])
     floor = building.floors[FLOOR]
     building.floors[FLOOR] = msgspec.structs.replace(floor, topological=topological_map(building, FLOOR))
     return building
@@ -109,6 +102,7 @@ class MissionSystem:
 
     def __init__(self, folder: Path, running: Running, orb: Orb, launch: Launcher) -> None:
         self.folder, self.running, self.orb, self._launch = folder, running, orb, launch
+        self.kill_server, self.is_back = running.kill, running.is_again
         self.robots: dict[str, subprocess.Popen[str]] = {}
         self._database = RemoteDatabase(orb, 5.0)
         self.control = RemoteMissionControl(orb, 5.0)
@@ -281,26 +275,15 @@ class MissionSystem:
 
     def bodies(self) -> tuple[float, dict[str, BodyPose]]:
         """All bodies of the floor after the same simulation step, and its time [s]."""
-        update = self._database.changes(FLOOR, WHOLE)
-        names = {body.number: body.name for body in update.came}
-        return update.time, {
-            names[int(row["number"])]: BodyPose(float(row["x"]), float(row["y"]), float(row["heading"]))
-            for row in update.motions
-            if int(row["number"]) in names
-        }
+        return self._bodies(FLOOR)
 
     def body(self, name: str) -> BodyPose:
         return self.bodies()[1][name]
 
     def poses(self) -> dict[str, Pose]:
         """Poses of all bodies of all floors."""
-        found: dict[str, Pose] = {}
-        for floor in self._database.floors():
-            update = self._database.changes(floor, WHOLE)
-            names = {body.number: body.name for body in update.came}
-            for row in update.motions:
-                found[names[int(row["number"])]] = Pose(floor, float(row["x"]), float(row["y"]), float(row["heading"]))
-        return found
+        floors = ((floor, self._bodies(floor)[1]) for floor in self._database.floors())
+        return {name: Pose(floor, *pose) for floor, bodies in floors for name, pose in bodies.items()}
 
     def holding(self) -> dict[str, str]:
         """The held object of each robot that holds one, by the server's store: it stores grips before it replies."""
@@ -316,15 +299,6 @@ class MissionSystem:
     def collisions(self) -> int:
         """Number of collisions since the server was started."""
         return int(self.server._get_state().collisions)
-
-    def kill_server(self, name: str) -> int:
-        """kill -9 a process of `robocorba up`; return its process id."""
-        pid = eventually(lambda: self.running.pid(name), what=f"the process {name}")
-        os.kill(pid, signal.SIGKILL)
-        return int(pid)
-
-    def is_back(self, name: str, before: int) -> bool:
-        return self.running.pid(name) not in (0, before)
 
     def is_stationary(self, names: tuple[str, ...], seconds: float = 0.5) -> bool:
         """Whether none of the bodies moves within some time."""
@@ -355,6 +329,12 @@ class MissionSystem:
         return wrong
 
     # ---- inside ----
+
+    def _bodies(self, floor: str) -> tuple[float, dict[str, BodyPose]]:
+        update = self._database.changes(floor, WHOLE)
+        names = {body.number: body.name for body in update.came}
+        motions = update.motions[["number", "x", "y", "heading"]].tolist()
+        return update.time, {names[number]: BodyPose(*pose) for number, *pose in motions if number in names}
 
     def _robocorba(self, user: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
         environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / user)}

@@ -119,6 +119,16 @@ class Running:
         """The process id of the process `name`, 0 while it waits for its next start."""
         return next(process.pid for process in self.record().processes if process.name == name)
 
+    def kill(self, name: str) -> int:
+        """Kill a process by its name, with kill -9; return its process id."""
+        pid = int(eventually(lambda: self.pid(name), what=f"the process {name}"))
+        os.kill(pid, signal.SIGKILL)
+        return pid
+
+    def is_again(self, name: str, before: int) -> bool:
+        """Whether it runs as another process than `before`."""
+        return self.pid(name) not in (0, before)
+
     def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
         """Send it a signal and wait until it ends; returns its exit code."""
         self.process.send_signal(number)

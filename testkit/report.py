@@ -93,8 +93,15 @@ def summarize(
     console.print(table)
     for mark in marks:
         console.print(mark.sentence)
-    write_json(name, title, {**more, "rows": list(rows), "marks": [mark.as_json() for mark in marks]})
-    write_csv(name, rows)
+    RESULTS.mkdir(parents=True, exist_ok=True)
+    found: dict[str, Any] = {"title": title, "machine": platform.machine(), "cores": os.cpu_count()}
+    found |= {"python": platform.python_version(), "load before": LOAD_BEFORE, **more}
+    found |= {"rows": list(rows), "marks": [mark.as_json() for mark in marks]}
+    (RESULTS / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n")
+    with (RESULTS / f"{name}.csv").open("w", newline="") as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
     figure = draw if isinstance(draw, Figure) else Figure(figsize=(8, 4.5), layout="constrained")
     if not isinstance(draw, Figure):
         axes = figure.add_subplot()
@@ -105,27 +112,6 @@ def summarize(
     figure.savefig(RESULTS / f"{name}.png", dpi=120)
     console.print(f"load before: {LOAD_BEFORE:.2f}; wrote {RESULTS / name}.json, .csv and .png\n", soft_wrap=True)
     return all(mark.is_reached for mark in marks)
-
-
-def write_json(name: str, title: str, found: Mapping[str, Any]) -> None:
-    """Write the results and the machine's properties to NAME.json."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    machine = {
-        "machine": platform.machine(),
-        "cores": os.cpu_count(),
-        "python": platform.python_version(),
-        "load before": LOAD_BEFORE,
-    }
-    (RESULTS / f"{name}.json").write_text(json.dumps({"title": title, **machine, **found}, indent=2) + "\n")
-
-
-def write_csv(name: str, rows: Rows) -> None:
-    """Write NAME.csv."""
-    RESULTS.mkdir(parents=True, exist_ok=True)
-    with (RESULTS / f"{name}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
-        writer.writeheader()
-        writer.writerows(rows)
 
 
 def quantile(values: Sequence[float], share: float) -> float:

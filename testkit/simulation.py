@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import math
-import os
 import random
 import re
-import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -94,6 +92,7 @@ class Place:
 
     def __init__(self, running: Running, orb: Orb, launch: Launcher) -> None:
         self.running, self.orb, self.launch = running, orb, launch
+        self.pid, self.kill, self.is_again = running.pid, running.kill, running.is_again
         self.server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
         self.database = orb.resolve("OmniDatabase", RoboCorba.OmniDatabase)
         self.editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
@@ -150,19 +149,6 @@ class Place:
         eventually(lambda: self.server._get_state().mapVersion >= version, what="floors without bounds")
 
     # ---- processes ----
-
-    def pid(self, name: str) -> int:
-        return self.running.pid(name)
-
-    def kill(self, name: str) -> int:
-        """Kill a server by its name, with kill -9; return its process id."""
-        pid = eventually(lambda: self.pid(name), what=f"the process {name}")
-        os.kill(pid, signal.SIGKILL)
-        return int(pid)
-
-    def is_again(self, name: str, before: int) -> bool:
-        """Whether a server runs as another process than `before`."""
-        return self.pid(name) not in (0, before)
 
     def endpoint(self, name: str) -> str:
         return next(process.endpoint for process in self.running.record().processes if process.name == name)

@@ -14,6 +14,7 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.system.backoff import Backoff
+from testkit.fuzzing.examples import title
 from testkit.fuzzing.operations import Operation
 from testkit.fuzzing.values import Seen, Values
 from testkit.fuzzing.wire import Wire
@@ -47,13 +48,12 @@ Example = Callable[[], tuple[Any, ...]]
 
 @dataclass
 class Target:
-    """Objects of one interface. make: a reference to a fresh or to the only one. examples: arguments, by operation.
-    after: called with the operation and its result, None after an exception, to undo what the call has done. ends:
-    operations that end the object, so that each call gets a fresh one. also: exceptions that are right here as well.
-    omitted: operations that are not called. unseen: operations that get nothing that the system has returned, such as
-    names of robots that they would end."""
+    """Objects of one interface. name: that of the interface unless others have it as well. make: a reference to a fresh
+    or to the only one. examples: arguments, by operation. after: called with the operation and its result, None after
+    an exception, to undo what the call has done. ends: operations that end the object, so that each call gets a fresh
+    one. also: exceptions that are right here as well. omitted: operations that are not called. unseen: operations that
+    get nothing that the system has returned, such as names of robots that they would end."""
 
-    name: str
     interface: Any
     make: Callable[[], Any]
     examples: Mapping[str, Sequence[Example]] = field(default_factory=dict)
@@ -62,6 +62,10 @@ class Target:
     also: Mapping[str, tuple[Any, ...]] = field(default_factory=dict)
     omitted: frozenset[str] = frozenset()
     unseen: frozenset[str] = frozenset()
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        self.name = self.name or title(self.interface)
 
 
 @dataclass

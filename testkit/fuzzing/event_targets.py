@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import Any
 
@@ -16,7 +15,7 @@ from robocorba.missions.messages import KINDS
 from robocorba.missions.subplan import VERSION
 from robocorba.stubs import RoboCorba
 from testkit.fuzzing.calls import Target
-from testkit.fuzzing.examples import MESSAGE, OTHER, ROBOT, always, example, title, with_members
+from testkit.fuzzing.examples import MESSAGE, OTHER, ROBOT, always, example, fresh, with_members
 from testkit.fuzzing.fuzzed_system import FuzzedSystem
 
 _PROXIES = ("push_supplier", "pull_supplier", "push_consumer", "pull_consumer")
@@ -73,12 +72,12 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
     destroyed, end = frozenset({"destroy"}), partial(end_proxy, system)
     for interface in (RoboCorba.EventChannel, CosEventChannelAdmin.EventChannel):
         reference = system.channel._unchecked_narrow(interface)
-        yield Target(title(interface), interface, always(reference), on_channel, end, omitted=destroyed)
+        yield Target(interface, always(reference), on_channel, end, omitted=destroyed)
     for key, interface in (
         ("consumers", CosEventChannelAdmin.ConsumerAdmin),
         ("suppliers", CosEventChannelAdmin.SupplierAdmin),
     ):
-        yield Target(title(interface), interface, always(system.by_key(key, interface)), {}, end)
+        yield Target(interface, always(system.by_key(key, interface)), {}, end)
     disconnections = frozenset(f"disconnect_{kind}" for kind in _PROXIES)
     blocked = frozenset({"pull"})
     for kind, proxy, base, own in (
@@ -88,17 +87,9 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         ("pull_consumer", None, CosEventChannelAdmin.ProxyPullConsumer, "PullConsumer"),
     ):
         for interface in filter(None, (proxy, base, getattr(CosEventComm, own))):
-            make = _kept_proxy(system, kind, interface)
+            make = fresh(partial(system.proxy, kind, interface), f"disconnect_{kind}")
             also = {"": (CosEventComm.Disconnected,)}
-            yield Target(
-                title(interface),
-                interface,
-                make,
-                on_proxies,
-                ends=disconnections,
-                also=also,
-                omitted=blocked,
-            )
+            yield Target(interface, make, on_proxies, ends=disconnections, also=also, omitted=blocked)
     notice = RoboCorba.ChannelNotice("c", 1, ["a"], [pattern])
     ways = [RoboCorba.EventWay([RoboCorba.EventTarget("c", 1)], 1)]
     join = {
@@ -115,22 +106,7 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         ("feed", RoboCorba.PeerFeed),
         ("feed", RoboCorba.GatewayFeed),
     ):
-        yield Target(title(interface), interface, always(system.by_key(key, interface)), join)
-
-
-def _kept_proxy(system: FuzzedSystem, kind: str, interface: Any) -> Callable[[], Any]:
-    """A maker of connected proxies that disconnects the one before."""
-    before: list[Any] = []
-
-    def make() -> Any:
-        for one in before:
-            with contextlib.suppress(CORBA.Exception):
-                getattr(one, f"disconnect_{kind}")()
-        one = system.proxy(kind, interface)
-        before[:] = [one]
-        return one
-
-    return make
+        yield Target(interface, always(system.by_key(key, interface)), join)
 
 
 def _typed(header: Any, type: str, source: str, origin: str = "") -> Any:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from typing import Any
+
+from omniORB import CORBA
 
 from robocorba.missions.subplan import VERSION
 
@@ -107,6 +110,20 @@ def example(*arguments: Any) -> Callable[[], tuple[Any, ...]]:
 def always(reference: Any) -> Callable[[], Any]:
     """A maker of the only reference."""
     return lambda: reference
+
+
+def fresh(make: Callable[[], Any], end: str) -> Callable[[], Any]:
+    """A maker of references that ends the one before by its operation `end`."""
+    before: list[Any] = []
+
+    def ending_the_one_before() -> Any:
+        for one in before:
+            with contextlib.suppress(CORBA.Exception):
+                getattr(one, end)()
+        before[:] = [make()]
+        return before[0]
+
+    return ending_the_one_before
 
 
 def title(interface: Any) -> str:

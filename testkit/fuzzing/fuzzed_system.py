@@ -32,17 +32,7 @@ PLACE_LIMIT_S = 60.0
 class _Consumer(RoboCorba__POA.EventConsumer):
     """A consumer that takes whatever arrives."""
 
-    def push(self, data: Any) -> None:
-        """Ignore an event."""
-
-    def pushRuns(self, runs: Any) -> None:
-        """Ignore events."""
-
-    def pushTogether(self, which: int, events: Any) -> None:
-        """Ignore events."""
-
-    def disconnect_push_consumer(self) -> None:
-        """Ignore the end."""
+    push = pushRuns = pushTogether = disconnect_push_consumer = lambda self, *arguments: None
 
 
 class FuzzedSystem:

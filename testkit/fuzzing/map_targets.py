@@ -11,7 +11,7 @@ from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
 from testkit.fuzzing.calls import Target
-from testkit.fuzzing.examples import PNG, example, with_members
+from testkit.fuzzing.examples import PNG, example, fresh, with_members
 from testkit.fuzzing.fuzzed_system import FuzzedSystem
 
 
@@ -60,7 +60,7 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "openSession": [example("author")],
     }
     end = partial(undo_edit, system)
-    yield Target("MapEditor", RoboCorba.MapEditor, lambda: system.editor, on_editor, end)
+    yield Target(RoboCorba.MapEditor, lambda: system.editor, on_editor, end)
     session = [system.editor.openSession("fuzz")]
 
     def open_session() -> Any:
@@ -70,18 +70,10 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
             session[0] = system.editor.openSession("fuzz")
         return session[0]
 
-    yield Target("EditSession", RoboCorba.EditSession, open_session, edits, end, frozenset({"close"}))
+    yield Target(RoboCorba.EditSession, open_session, edits, end, frozenset({"close"}))
     ends = frozenset({"commit", "rollBack"})
-    transaction: list[Any] = []
-
-    def begin() -> Any:
-        for one in transaction:
-            with contextlib.suppress(CORBA.Exception):
-                one.rollBack()
-        transaction[:] = [system.editor.begin()]
-        return transaction[0]
-
-    yield Target("Transaction", RoboCorba.Transaction, begin, edits, end, ends)
+    begin = fresh(system.editor.begin, "rollBack")
+    yield Target(RoboCorba.Transaction, begin, edits, end, ends)
     start, goal = RoboCorba.Point("L1", 3.0, 3.0), RoboCorba.Point("L2", 3.0, 3.0)
     request = system.planner.defaultRequest(start, RoboCorba.Point("L1", 15.0, 3.0))
     on_planner = {
@@ -90,7 +82,7 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "defaultRequest": [example(start, goal)],
     }
     also = dict.fromkeys(("getPath", "findPaths"), (CORBA.TIMEOUT,))
-    yield Target("PathPlanner", RoboCorba.PathPlanner, lambda: system.planner, on_planner, also=also)
+    yield Target(RoboCorba.PathPlanner, lambda: system.planner, on_planner, also=also)
 
 
 def _elements(system: FuzzedSystem, kind: Any, floor: str) -> Sequence[Any]:

@@ -11,7 +11,7 @@ from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 from testkit.fuzzing.calls import Target
-from testkit.fuzzing.examples import ICONS, MISSIONS, OTHER, ROBOT, always, example, title, with_members
+from testkit.fuzzing.examples import ICONS, MISSIONS, OTHER, ROBOT, always, example, with_members
 from testkit.fuzzing.fuzzed_system import FuzzedSystem
 
 
@@ -53,11 +53,11 @@ def of_agents(system: FuzzedSystem) -> Iterator[Target]:
         if name == "stop":
             system.agent.resetStop()
 
-    yield Target("RobotAgent", RoboCorba.RobotAgent, lambda: system.agent, on_agent, reset)
+    yield Target(RoboCorba.RobotAgent, lambda: system.agent, on_agent, reset)
     pool, sensors = system.agent._get_pool(), system.agent._get_sensors()
     on_pool = {"changes": [example(1)], "postures": [example(0.0)], "plan": [example("m")]}
-    yield Target("DataPool", RoboCorba.DataPool, always(pool), on_pool)
-    yield Target("RobotSensors", RoboCorba.RobotSensors, always(sensors), {"ranges": [example("laser")]})
+    yield Target(RoboCorba.DataPool, always(pool), on_pool)
+    yield Target(RoboCorba.RobotSensors, always(sensors), {"ranges": [example("laser")]})
     order = RoboCorba.RobotOrder("C", "simulated", [], "L1", True, 9.0, 3.0, 0.0, "a")
     on_supervisor = {
         "startRobot": [example(with_members(order, adaptor="none")), example(with_members(order, channel="none"))],
@@ -65,7 +65,6 @@ def of_agents(system: FuzzedSystem) -> Iterator[Target]:
         "logLines": [example(name, 10) for name in ("simulation", "up", "events_a")],
     }
     yield Target(
-        "Supervisor",
         RoboCorba.Supervisor,
         lambda: system.supervisor,
         on_supervisor,
@@ -88,7 +87,7 @@ def of_units(system: FuzzedSystem) -> Iterator[Target]:
         ("Lumbar", _GlobalIDL.LumbaExtAxes),
     ):
         bound = "Mobility.Unit" if name == "Mobility" else name
-        yield Target(title(interface), interface, always(system.unit(bound, interface)))
+        yield Target(interface, always(system.unit(bound, interface)))
     faults = {
         "alarm": [example("Mobility", 1, _GlobalIDL.FAULT, "a fault")],
         "stuck": [example("MnpL", True)],
@@ -96,7 +95,6 @@ def of_units(system: FuzzedSystem) -> Iterator[Target]:
         "slowNetwork": [example(0.01)],
     }
     yield Target(
-        "SmartPalFaults",
         RoboCorba.SmartPalFaults,
         always(system.stand_in.faults),
         faults,

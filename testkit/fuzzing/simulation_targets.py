@@ -58,14 +58,10 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "keepAreas": [example(areas)],
         "reportPosture": [example([0.1] * 18)],
     }
-    yield Target("RobotSession", RoboCorba.RobotSession, system.session, on_session, omitted=frozenset({"deregister"}))
-    yield Target(
-        "RobotSession, ended",
-        RoboCorba.RobotSession,
-        system.new_session,
-        ends=frozenset({"deregister"}),
-        omitted=frozenset(one.name for one in operations(RoboCorba.RobotSession) if one.name != "deregister"),
-    )
+    yield Target(RoboCorba.RobotSession, system.session, on_session, omitted=frozenset({"deregister"}))
+    others = frozenset(one.name for one in operations(RoboCorba.RobotSession)) - {"deregister"}
+    ends = frozenset({"deregister"})
+    yield Target(RoboCorba.RobotSession, system.new_session, ends=ends, omitted=others, name="RobotSession, ended")
     load = RoboCorba.SensorLoad(0.1, 0.1, 10.0, 1)
     scan = RoboCorba.ScanData(1.0, 0.0, 0.1, [1.0, 2.0, 3.0, 4.0])
     data = RoboCorba.SensorData(ROBOT, pose, scan)
@@ -76,11 +72,9 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "reportSensor": [example("fake", system.sensor, load, [data]), example("fake", None, load, [])],
         "reportScans": [example("s1", [whole])],
     }
-    yield Target(
-        "SimulationServer", RoboCorba.SimulationServer, lambda: system.server, on_server, partial(end_robot, system)
-    )
+    yield Target(RoboCorba.SimulationServer, lambda: system.server, on_server, partial(end_robot, system))
     on_registration = {"report": [example(load, [data])], "reportScans": [example([whole])]}
-    yield Target("SensorRegistration", RoboCorba.SensorRegistration, system.registration, on_registration)
+    yield Target(RoboCorba.SensorRegistration, system.registration, on_registration)
     on_administrator = {
         "place": [example(OTHER, pose)],
         "evict": [example("nobody")],
@@ -90,14 +84,8 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "setLimit": [example(200)],
         "step": [example(1)],
     }
-    administrator = always(system.administrator)
-    yield Target(
-        "SimulationAdministrator",
-        RoboCorba.SimulationAdministrator,
-        administrator,
-        on_administrator,
-        partial(resume, system),
-    )
+    end = partial(resume, system)
+    yield Target(RoboCorba.SimulationAdministrator, always(system.administrator), on_administrator, end)
     record = RoboCorba.MissionRecord("m", 0, b"document")
     on_database = {
         "getFloor": [example("L1")],
@@ -108,9 +96,7 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "scansSince": [example("L1", 0.0)],
         "postures": [example("L1", 0.0)],
     }
-    yield Target(
-        "OmniDatabase", RoboCorba.OmniDatabase, lambda: system.database, on_database, partial(end_missions, system)
-    )
+    yield Target(RoboCorba.OmniDatabase, lambda: system.database, on_database, partial(end_missions, system))
     on_control = {
         "start": [example(OTHER, json.dumps(icon)) for icon in MISSIONS],
         "missionsSince": [example(0)],
@@ -118,13 +104,12 @@ def targets(system: FuzzedSystem) -> Iterator[Target]:
         "report": [example("m")],
         "abort": [example("m")],
     }
-    yield Target(
-        "MissionControl", RoboCorba.MissionControl, lambda: system.control, on_control, partial(end_missions, system)
-    )
+    yield Target(RoboCorba.MissionControl, lambda: system.control, on_control, partial(end_missions, system))
     on_sensor = {"scan": [example(pose, NO_MOUNT, CROSS)], "scanMany": [example([pose, pose], NO_MOUNT, CROSS)]}
-    yield Target("VirtualSensor", RoboCorba.VirtualSensor, lambda: system.sensor, on_sensor)
+    yield Target(RoboCorba.VirtualSensor, lambda: system.sensor, on_sensor)
     own = {**on_sensor, "forRobot": [example(OURS)]}
-    yield Target("VirtualSensor of a robot", RoboCorba.VirtualSensor, lambda: system.session()._get_sensor(), own)
+    of_robot = "VirtualSensor of a robot"
+    yield Target(RoboCorba.VirtualSensor, lambda: system.session()._get_sensor(), own, name=of_robot)
 
 
 def _stored_mission() -> Any:

@@ -15,6 +15,7 @@ from omniORB import CORBA
 from omniORB import tcInternal as tc
 
 from robocorba.stubs import RoboCorba
+from testkit.random_anys import DISCRIMINATORS
 
 #: Maximum number of parts of the arguments of one call, except for octets and texts.
 MAX_PARTS = 20_000
@@ -81,15 +82,7 @@ JSON: tuple[Any, ...] = (
     {"icon": "wait"},
 )
 #: Bounds of the integer kinds.
-INTEGERS = {
-    tc.tv_octet: (0, 2**8 - 1),
-    tc.tv_short: (-(2**15), 2**15 - 1),
-    tc.tv_ushort: (0, 2**16 - 1),
-    tc.tv_long: (-(2**31), 2**31 - 1),
-    tc.tv_ulong: (0, 2**32 - 1),
-    tc.tv_longlong: (-(2**63), 2**63 - 1),
-    tc.tv_ulonglong: (0, 2**64 - 1),
-}
+INTEGERS = {tc.tv_octet: (0, 2**8 - 1), **DISCRIMINATORS}
 
 
 def resolved(descriptor: Any) -> Any:

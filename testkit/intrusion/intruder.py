@@ -77,111 +77,55 @@ class Findings:
 
 @dataclass(frozen=True)
 class Way:
-    """An object without a name, and the operation that returns it. may: the roles that may have it. refused:
-    operations that its holder may not call."""
+    """An object without a name, and the operation that returns it. title: begins with the name of its interface. may:
+    the roles that may have it. refused: operations that its holder may not call."""
 
     title: str
-    interface: Any
     may: Roles
     get: Callable[[Mapping[str, Any], Any], Any]
     refused: frozenset[str] = frozenset()
 
+    @property
+    def interface(self) -> Any:
+        name = self.title.split()[0]
+        modules = (RoboCorba, CosEventChannelAdmin, CosNaming)
+        return next(getattr(module, name) for module in modules if hasattr(module, name))
+
 
 _QUEUE = RoboCorba.QueuePolicy(10, RoboCorba.DISCARD_OLDEST, 0.0)
-_ADMIN = CosEventChannelAdmin
-_ways = [
-    Way("DataPool", RoboCorba.DataPool, EVERYBODY, lambda of, me: of["RobotAgent"]._get_pool()),
-    Way("RobotSensors", RoboCorba.RobotSensors, EVERYBODY, lambda of, me: of["RobotAgent"]._get_sensors()),
-    Way(
-        "EditSession", RoboCorba.EditSession, PUBLISHERS - ROBOT_ROLES, lambda of, me: of["MapEditor"].openSession("i")
-    ),
-    Way("Transaction", RoboCorba.Transaction, PUBLISHERS - ROBOT_ROLES, lambda of, me: of["MapEditor"].begin()),
-    Way("ConsumerAdmin", _ADMIN.ConsumerAdmin, EVERYBODY, lambda of, me: of["EventChannel"].for_consumers()),
-    Way("SupplierAdmin", _ADMIN.SupplierAdmin, PUBLISHERS, lambda of, me: of["EventChannel"].for_suppliers()),
-    Way(
-        "EventProxyPushSupplier",
-        RoboCorba.EventProxyPushSupplier,
-        EVERYBODY,
-        lambda of, me: of["EventChannel"].subscribe("", me, [], _QUEUE),
-    ),
-    Way(
-        "EventProxyPullSupplier",
-        RoboCorba.EventProxyPullSupplier,
-        EVERYBODY,
-        lambda of, me: of["EventChannel"].for_consumers().obtain_pull_supplier(),
-    ),
-    Way(
-        "EventProxyPushConsumer",
-        RoboCorba.EventProxyPushConsumer,
-        PUBLISHERS,
-        lambda of, me: of["EventChannel"].supply(OURS),
-    ),
-    Way(
-        "ProxyPullConsumer",
-        _ADMIN.ProxyPullConsumer,
-        PUBLISHERS,
-        lambda of, me: of["EventChannel"].for_suppliers().obtain_pull_consumer(),
-    ),
-    Way("CallbackRoute", RoboCorba.CallbackRoute, EVERYBODY, lambda of, me: of["EventChannel"].routeBack()),
-    Way(
-        "PeerFeed",
-        RoboCorba.PeerFeed,
-        NOBODY,
-        lambda of, me: of["EventChannel"].joinPeer("c", of["EventChannel"], me)[0].feed,
-    ),
+_AUTHORS = PUBLISHERS - ROBOT_ROLES
+_CONTEXT = "NamingContextExt"
+WAYS: tuple[Way, ...] = (
+    Way("DataPool", EVERYBODY, lambda of, me: of["RobotAgent"]._get_pool()),
+    Way("RobotSensors", EVERYBODY, lambda of, me: of["RobotAgent"]._get_sensors()),
+    Way("EditSession", _AUTHORS, lambda of, me: of["MapEditor"].openSession("i")),
+    Way("Transaction", _AUTHORS, lambda of, me: of["MapEditor"].begin()),
+    Way("ConsumerAdmin", EVERYBODY, lambda of, me: of["EventChannel"].for_consumers()),
+    Way("SupplierAdmin", PUBLISHERS, lambda of, me: of["EventChannel"].for_suppliers()),
+    Way("EventProxyPushSupplier", EVERYBODY, lambda of, me: of["EventChannel"].subscribe("", me, [], _QUEUE)),
+    Way("EventProxyPullSupplier", EVERYBODY, lambda of, me: of["ConsumerAdmin"].obtain_pull_supplier()),
+    Way("EventProxyPushConsumer", PUBLISHERS, lambda of, me: of["EventChannel"].supply(OURS)),
+    Way("ProxyPullConsumer", PUBLISHERS, lambda of, me: of["SupplierAdmin"].obtain_pull_consumer()),
+    Way("CallbackRoute", EVERYBODY, lambda of, me: of["EventChannel"].routeBack()),
+    Way("PeerFeed", NOBODY, lambda of, me: of["EventChannel"].joinPeer("c", of["EventChannel"], me)[0].feed),
     Way(
         "SensorRegistration",
-        RoboCorba.SensorRegistration,
         NOBODY,
         lambda of, me: of["SimulationServer"].registerSensor("s1", of["VirtualSensor"], "0" * 64),
     ),
-    Way(
-        "VirtualSensor of another robot",
-        RoboCorba.VirtualSensor,
-        NOBODY,
-        lambda of, me: of["VirtualSensor"].forRobot(THEIRS),
-    ),
-    Way(
-        "RobotSession",
-        RoboCorba.RobotSession,
-        ROBOT_ROLES,
-        lambda of, me: of["SimulationServer"].registerRobot(about(OURS, 8.0, 8.0)),
-    ),
+    Way("VirtualSensor of another robot", NOBODY, lambda of, me: of["VirtualSensor"].forRobot(THEIRS)),
+    Way("RobotSession", ROBOT_ROLES, lambda of, me: of["SimulationServer"].registerRobot(about(OURS, 8.0, 8.0))),
     Way(
         "VirtualSensor of its session",
-        RoboCorba.VirtualSensor,
         ROBOT_ROLES,
         lambda of, me: of["RobotSession"]._get_sensor(),
         frozenset({"forRobot", "dismiss"}),
     ),
-    Way(
-        "NameRegistry",
-        RoboCorba.NameRegistry,
-        ROBOT_ROLES,
-        lambda of, me: of["NamingContext"].resolve_str("NameRegistry"),
-    ),
-    Way(
-        "NamingContext RoboCorba",
-        CosNaming.NamingContextExt,
-        EVERYBODY,
-        lambda of, me: of["NamingContext"].resolve_str(CONTEXT),
-        WRITES,
-    ),
-    Way(
-        "NamingContext Robots",
-        CosNaming.NamingContextExt,
-        EVERYBODY,
-        lambda of, me: of["NamingContext"].resolve_str(f"{CONTEXT}/{ROBOTS}"),
-        WRITES,
-    ),
-    Way(
-        "BindingIterator",
-        CosNaming.BindingIterator,
-        EVERYBODY,
-        lambda of, me: of["NamingContext RoboCorba"].list(1)[1],
-    ),
-]
-WAYS: tuple[Way, ...] = tuple(_ways)
+    Way("NameRegistry", ROBOT_ROLES, lambda of, me: of[_CONTEXT].resolve_str("NameRegistry")),
+    Way(f"{_CONTEXT} RoboCorba", EVERYBODY, lambda of, me: of[_CONTEXT].resolve_str(CONTEXT), WRITES),
+    Way(f"{_CONTEXT} Robots", EVERYBODY, lambda of, me: of[_CONTEXT].resolve_str(f"{CONTEXT}/{ROBOTS}"), WRITES),
+    Way("BindingIterator", EVERYBODY, lambda of, me: of[f"{_CONTEXT} RoboCorba"].list(1)[1]),
+)
 #: What a robot with a file of its own may not do, by interface: publish, log on and store missions as others, as the
 #: examples do; and what it does not get hold of.
 REFUSED_TO_ONE = {
@@ -238,7 +182,7 @@ class Intruder:
     def attack(self, named: Mapping[str, Any]) -> None:
         """Call everything that there is to call. named: the objects with a name, by interface."""
         self.by_name.update(named)
-        found = {**named, "NamingContext": self._root}
+        found = {**named, _CONTEXT: self._root}
         for interface, reference in named.items():
             allowed = {each.name for each in operations(getattr(RoboCorba, interface))}
             allowed = {each for each in allowed if may_call(self._role, interface, each)}
@@ -263,7 +207,7 @@ class Intruder:
             self._attack_found(found)
 
     def _attack_found(self, found: Mapping[str, Any]) -> None:
-        contexts = [each for each in found if each.startswith("NamingContext")]
+        contexts = [each for each in found if each.startswith(_CONTEXT)]
         for title in contexts:
             names = {each.name for each in operations(CosNaming.NamingContextExt)}
             self._call_all(title, found[title], CosNaming.NamingContextExt, names - WRITES)
@@ -302,7 +246,7 @@ class Intruder:
         own = operations(interface)
         for operation in sorted(own, key=lambda each: each.name.startswith(_ENDS)):
             is_end = operation.name.startswith(_ENDS) and operation.name in allowed
-            if is_end and not title.startswith("NamingContext"):
+            if is_end and not title.startswith(_CONTEXT):
                 self._call_strange(title, reference, own)
             self._call(title, reference, operation, operation.name in allowed)
             if is_end:

@@ -8,18 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from robocorba.map_editor.model import (
-    BoxShape,
-    Building,
-    Elevator,
-    ElevatorDoor,
-    Floor,
-    FloorMap,
-    GeometricalMap,
-    MapObject,
-    Wall,
-)
+from robocorba.map_editor.model import BoxShape, Building, Element, Elevator, ElevatorDoor, Floor, MapObject, Wall
 from robocorba.map_editor.spatial.pose import Pose
+from robocorba.map_editor.spatial.posture import Posture
+from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.physics import STEP_S
@@ -28,20 +20,22 @@ from robocorba.simulation.registry import Description
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.store import SimulationStore
+from testkit.buildings import with_all
 
 
 def tower() -> Building:
     """Two floors of 10 x 10 m, an elevator in the middle with its door to the front, a table and a shelf below."""
-    lift = Elevator("E1", (5.0, 5.0), (2.0, 2.0), (ElevatorDoor("L1"), ElevatorDoor("L2")), speed=2.0, door_time=1.0)
-    table = MapObject("T1", BoxShape((1.0, 0.6)), (2.0, 2.0), 0.3, movable=True)
-    shelf = MapObject("S1", BoxShape((1.0, 0.6)), (8.0, 8.0))
     square = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
-    plan = GeometricalMap({"W1": Wall("W1", (3.0, 0.0), (3.0, 3.0))}, {"T1": table, "S1": shelf})
-    floors = {
-        "L1": FloorMap(Floor("L1", 1, 0.0, outline=square), plan),
-        "L2": FloorMap(Floor("L2", 2, 4.0, outline=square)),
-    }
-    return Building("tower", floors, {"E1": lift})
+    doors = (ElevatorDoor("L1"), ElevatorDoor("L2"))
+    elements: list[tuple[str, Element]] = [
+        ("", Floor("L1", 1, 0.0, outline=square)),
+        ("", Floor("L2", 2, 4.0, outline=square)),
+        ("", Elevator("E1", (5.0, 5.0), (2.0, 2.0), doors, speed=2.0, door_time=1.0)),
+        ("L1", Wall("W1", (3.0, 0.0), (3.0, 3.0))),
+        ("L1", MapObject("T1", BoxShape((1.0, 0.6)), (2.0, 2.0), 0.3, movable=True)),
+        ("L1", MapObject("S1", BoxShape((1.0, 0.6)), (8.0, 8.0))),
+    ]
+    return with_all(Building("tower"), elements)
 
 
 def robot(name: str, floor: str = "L1", x: float = 7.0, y: float = 2.0, heading: float = 0.0) -> Description:
@@ -50,16 +44,14 @@ def robot(name: str, floor: str = "L1", x: float = 7.0, y: float = 2.0, heading:
 
 def scan(robot: str = "A", time: float = 1.0, floor: str = "L1", ahead: float = 0.0, **others: Any) -> RobotScan:
     """A laser's scan, `others` being different."""
-    known: dict[str, Any] = {
-        "first_rad": -1.0,
-        "step_rad": 0.5,
-        "range_m": 8.0,
-        "rim_m": 0.0,
-        "noise": (0.0, 0.0, 0.0, 0),
-        "distances": np.full(5, 8.0),
-        "hits": np.zeros(5, bool),
-    }
-    return RobotScan(robot, time, Pose(floor, 1.0, 2.0, 0.0), (ahead, 0.0, 0.0), **{**known, **others})
+    at, mount = Pose(floor, 1.0, 2.0, 0.0), (ahead, 0.0, 0.0)
+    nothing = np.full(5, 8.0), np.zeros(5, bool)
+    return RobotScan(robot, time, at, mount, -1.0, 0.5, 8.0, 0.0, (0.0, 0.0, 0.0, 0), *nothing)._replace(**others)
+
+
+#: What robot A reports in a recording.
+POSTURE = Posture("A", 0.5, tuple(0.1 * number for number in range(len(JOINTS))))
+SCAN = scan("A", 0.5, ahead=0.1, distances=np.array([1.25, 2.5, 8.0, 3.0, 8.0]), hits=np.array([1, 1, 0, 1, 0], bool))
 
 
 #: What happens at a moment of a recording: gets its recorder, the agent of its simulation, and the POSIX time [s].

@@ -19,11 +19,6 @@ from robocorba.simulation.physics import FloorPhysics
 from tests.simulation.places import enter, run, tower
 
 
-@pytest.fixture
-def world() -> SimulatedBuilding:
-    return SimulatedBuilding(tower())
-
-
 def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
     """Drive a robot that faces the doors of E1 straight in."""
     while world.elevators.rides[name].phase is RidePhase.WAITING:
@@ -32,6 +27,24 @@ def into_the_cabin(world: SimulatedBuilding, name: str, y: float) -> None:
         world.occupants.robots[name].command(max(0.1, min(0.5, y - world.occupants.pose(name).y)), 0.0, 0.0, 0.2)
         world.step()
     world.occupants.robots[name].brake()
+
+
+def until(world: SimulatedBuilding, phase: RidePhase) -> None:
+    """Step until the ride of A is in a phase."""
+    while world.elevators.rides["A"].phase is not phase:
+        world.step()
+
+
+def cabin(world: SimulatedBuilding) -> tuple[str, Doors]:
+    return world.elevators.cabins["E1"].floor, world.elevators.cabins["E1"].doors
+
+
+def stands_before_closed_doors(world: SimulatedBuilding, floor: str) -> bool:
+    """Whether a robot A that drives at them gets no further."""
+    enter(world, "A", floor, 5.0, 2.5, math.pi / 2)
+    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
+    run(world, 6.0)
+    return world.occupants.pose("A").y == pytest.approx(3.6, abs=0.02)
 
 
 def with_a_box(at: tuple[float, float]) -> SimulatedBuilding:
@@ -43,12 +56,9 @@ def with_a_box(at: tuple[float, float]) -> SimulatedBuilding:
 def test_doors_with_something_between_or_behind_them_on_the_map_begin_open(y: float) -> None:
     world = with_a_box((5.0, y))
     run(world, 5.0)
-    assert (world.elevators.cabins["E1"].floor, world.elevators.cabins["E1"].doors) == ("L2", Doors.OPEN)
+    assert cabin(world) == ("L2", Doors.OPEN)
     assert world.occupants.object_pose("box") == pytest.approx(Pose("L2", 5.0, y, 0.0), abs=1e-9)
-    enter(world, "A", "L1", 5.0, 2.5, math.pi / 2)
-    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    run(world, 6.0)
-    assert world.occupants.pose("A").y == pytest.approx(3.6, abs=0.02)  # closed on the other floor
+    assert stands_before_closed_doors(world, "L1")  # closed on the other floor
 
 
 def test_a_lone_robot_does_not_board_past_an_object_between_the_doors() -> None:
@@ -71,12 +81,9 @@ def test_a_restart_leaves_doors_open_that_are_recorded_as_open_only() -> None:
     assert world.elevators.cabins["E1"].doors is Doors.CLOSED
     again = with_a_box((5.0, 4.0))
     again.restore(world.record(), [])
-    assert (again.elevators.cabins["E1"].floor, again.elevators.cabins["E1"].doors) == ("L2", Doors.CLOSED)
+    assert cabin(again) == ("L2", Doors.CLOSED)
     again.place("box", Pose("L2", 2.0, 8.0, 0.0))
-    enter(again, "A", "L2", 5.0, 2.5, math.pi / 2)
-    again.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    run(again, 6.0)
-    assert again.occupants.pose("A").y == pytest.approx(3.6, abs=0.02)
+    assert stands_before_closed_doors(again, "L2")
 
 
 def test_doors_never_close_on_arms_that_hold_something() -> None:
@@ -108,8 +115,7 @@ def test_an_object_that_is_left_in_the_cabin_keeps_its_doors_open() -> None:
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.elevators.call("A", "E1", "L2", "party", 1)
     into_the_cabin(world, "A", 4.75)
-    while world.elevators.rides["A"].phase is not RidePhase.RIDING:
-        world.step()
+    until(world, RidePhase.RIDING)
     world.place("box", Pose("L1", 5.0, 5.5, 0.0))
     world.occupants.grip("A", "box", (5.0, 5.3))
     while world.elevators.states["E1"].floor:
@@ -119,10 +125,10 @@ def test_an_object_that_is_left_in_the_cabin_keeps_its_doors_open() -> None:
     world.occupants.release("A")
     world.elevators.cancel("A")
     run(world, 60.0)
-    assert (world.elevators.cabins["E1"].floor, world.elevators.cabins["E1"].doors) == ("L2", Doors.OPEN)
+    assert cabin(world) == ("L2", Doors.OPEN)
     world.occupants.grip("A", "box", (5.0, 5.3))  # and may be carried out
     run(world, 30.0)
-    assert (world.elevators.cabins["E1"].floor, world.elevators.cabins["E1"].doors) == ("L2", Doors.OPEN)
+    assert cabin(world) == ("L2", Doors.OPEN)
     while world.occupants.pose("A").y > 2.5:
         assert world.elevators.cabins["E1"].doors is Doors.OPEN or world.occupants.pose("A").y < 3.1
         world.occupants.robots["A"].command(-0.3, 0.0, 0.0, 0.2)
@@ -136,16 +142,14 @@ def test_a_cabin_of_an_edited_elevator_is_where_somebody_stands_in_its_shaft() -
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.elevators.call("A", "E1", "L2")
     into_the_cabin(world, "A", 5.0)
-    while world.elevators.rides["A"].phase is not RidePhase.ALIGHTING:
-        world.step()
+    until(world, RidePhase.ALIGHTING)
     faster = msgspec.structs.replace(world.building.elevators["E1"], speed=3.0)
     world.update(world.building.with_element("", faster))
     assert world.elevators.rides == {}
     assert world.elevators.cabins["E1"].floor == "L2"
     run(world, 10.0)
     world.elevators.call("A", "E1", "L1")  # so that it gets out
-    while world.elevators.rides["A"].phase is not RidePhase.ALIGHTING:
-        world.step()
+    until(world, RidePhase.ALIGHTING)
     assert world.occupants.pose("A").floor == "L1"
 
 
@@ -155,10 +159,9 @@ def test_a_cabin_that_arrives_where_somebody_stands_in_its_shaft_exchanges_them(
     enter(world, "A", "L1", 5.0, 5.0)
     enter(world, "B", "L2", 5.0, 5.1)
     world.update(building)
-    assert (world.elevators.cabins["E1"].floor, world.elevators.cabins["E1"].doors) == ("L1", Doors.OPEN)
+    assert cabin(world) == ("L1", Doors.OPEN)
     world.elevators.call("A", "E1", "L2")
-    while world.elevators.rides["A"].phase is not RidePhase.ALIGHTING:
-        world.step()
+    until(world, RidePhase.ALIGHTING)
     assert world.occupants.pose("A") == pytest.approx(Pose("L2", 5.0, 5.0))
     assert world.occupants.pose("B") == pytest.approx(Pose("L1", 5.0, 5.1))
 
@@ -177,22 +180,17 @@ def test_a_cabin_that_has_closed_over_an_object_opens_again() -> None:
     assert again.elevators.cabins["E1"].doors is Doors.OPEN
 
 
-def riding_with_a_table() -> SimulatedBuilding:
-    """A robot A that holds a table T2 rides up."""
+def test_riders_keep_their_grips_and_have_left_the_cabin_once_what_they_hold_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     table = MapObject("T2", BoxShape((0.4, 0.4)), (2.0, 2.0), movable=True)
     world = SimulatedBuilding(tower().with_element("L1", table))
     enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
     world.elevators.call("A", "E1", "L2")
-    while world.elevators.rides["A"].phase is not RidePhase.RIDING:
-        world.occupants.robots["A"].command(max(0.0, min(0.5, 4.75 - world.occupants.pose("A").y)), 0.0, 0.0, 0.2)
-        world.step()
+    into_the_cabin(world, "A", 4.75)
+    until(world, RidePhase.RIDING)
     world.place("T2", Pose("L1", 5.0, 5.5, 0.0))
     world.occupants.grip("A", "T2", (5.0, 5.3))
-    return world
-
-
-def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPatch) -> None:
-    world = riding_with_a_table()
     seen = []
 
     def looked_at_before(change: Callable[..., Any]) -> Callable[..., Any]:
@@ -206,18 +204,8 @@ def test_riders_keep_their_grips_on_the_other_floor(monkeypatch: pytest.MonkeyPa
 
     for name in ("add_robot", "add_object", "remove", "grip", "step"):
         monkeypatch.setattr(FloorPhysics, name, looked_at_before(getattr(FloorPhysics, name)))
-    while world.occupants.pose("A").floor == "L1":
-        world.step()
-    world.step()
-    assert world.occupants.robots["A"].holding == "T2"
-    assert set(seen) == {"T2"}
-    assert world.occupants.objects["T2"].floor == "L2"
-
-
-def test_a_robot_has_left_the_cabin_once_what_it_holds_has() -> None:
-    world = riding_with_a_table()
-    while world.elevators.rides["A"].phase is not RidePhase.ALIGHTING:
-        world.step()
+    until(world, RidePhase.ALIGHTING)
+    assert (world.occupants.pose("A").floor, world.occupants.objects["T2"].floor) == ("L2", "L2")
     with_object_in_doors = 0
     while "A" in world.elevators.rides:
         assert world.elevators.cabins["E1"].doors is Doors.OPEN
@@ -225,11 +213,12 @@ def test_a_robot_has_left_the_cabin_once_what_it_holds_has() -> None:
         world.step()
         with_object_in_doors += world.occupants.pose("A").y < 4.0 - 0.5
     assert with_object_in_doors > 10
-    assert world.occupants.robots["A"].holding == "T2"
+    assert set(seen) == {"T2"}
     assert world.occupants.object_pose("T2").y < 4.0 - 0.2
 
 
-def test_the_shaft_of_an_elevator_blocks_no_floor_above_it(world: SimulatedBuilding) -> None:
+def test_the_shaft_of_an_elevator_blocks_no_floor_above_it() -> None:
+    world = SimulatedBuilding(tower())
     world.update(world.building.with_element("", Floor("L3", 3, 8.0)))
     enter(world, "A", "L3", 4.0, 5.0)
     world.remove("A")

@@ -74,6 +74,23 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
         yield scene
 
 
+@contextlib.contextmanager
+def restarted(scene: Scene) -> Iterator[Scene]:
+    scene.close()
+    with contextlib.closing(Scene(scene.file.parent)) as again:
+        again.stops.start()
+        yield again
+
+
+def refuses(session: Session) -> bool:
+    try:
+        session.command(0.5, 0.0, 0.0, 5.0)
+    except InvalidCommand as error:
+        assert error.field == STOPPED
+        return True
+    return False
+
+
 def test_a_stopped_robot_brakes_and_refuses_commands_until_it_is_reset(scene: Scene) -> None:
     session = scene.agent.register(robot("A"))
     session.command(0.5, 0.0, 0.0, 5.0)
@@ -105,35 +122,23 @@ def test_an_actual_robot_stands_only_when_it_confirms_that(scene: Scene) -> None
     assert (state.stands, state.waits_for) == (False, "the actual robot has not confirmed the stop")
     eventually(lambda: scene.calls, PATIENCE_S)
     scene.answers.clear()
-
-    def stands() -> bool:
-        (state,) = scene.stops.stop([], "")
-        return state.stands and state.is_confirmed
-
-    eventually(stands, PATIENCE_S)
+    eventually(lambda: (state := scene.stops.stop([], "")[0]).stands and state.is_confirmed, PATIENCE_S)
 
 
-def test_a_robot_that_hangs_holds_up_no_other(scene: Scene) -> None:
-    for name, x in (("A", 5.0), ("B", 7.0)):
-        scene.stops.report_target(scene.agent.register(robot(name, x=x)), "hangs" if name == "A" else "b", True)
-    scene.stops.stop([], "")
-
-    def confirmed() -> dict[str, bool]:
-        return {state.robot: state.is_confirmed for state in scene.stops.stop([], "")}
-
-    eventually(lambda: confirmed() == {"A": False, "B": True}, PATIENCE_S)
-
-
-def test_why_a_robot_does_not_confirm_is_in_the_answer(scene: Scene, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_robot_that_does_not_confirm_holds_up_no_other_and_why_is_in_the_answer(
+    scene: Scene, caplog: pytest.LogCaptureFixture
+) -> None:
     """Also a defect of the call; and once in the log, however often it is called."""
     problems = {"hangs": "TIMEOUT", "defect": "internal fault"}
-    for number, target in enumerate(problems):
+    for number, target in enumerate((*problems, "confirms")):
         scene.stops.report_target(scene.agent.register(robot(target, x=5.0 + number)), target, False)
     scene.stops.stop([], "fire")
 
     def shown() -> bool:
-        states = {state.robot: state.waits_for for state in scene.stops.states([])}
-        return all(f"has not confirmed the stop: {problem}" in states[name] for name, problem in problems.items())
+        states = {state.robot: state for state in scene.stops.states([])}
+        if states["hangs"].is_confirmed or not states["confirms"].is_confirmed:
+            return False
+        return all(f"not confirmed the stop: {each}" in states[name].waits_for for name, each in problems.items())
 
     eventually(shown, PATIENCE_S)
     calls = len(scene.calls)
@@ -142,77 +147,28 @@ def test_why_a_robot_does_not_confirm_is_in_the_answer(scene: Scene, caplog: pyt
     assert len(warnings) == len(problems)
 
 
-def test_robots_are_held_over_a_restart(scene: Scene, tmp_path: Path) -> None:
-    scene.stops.start()
-    session = scene.agent.register(robot("A"))
-    scene.stops.report_target(session, "unit", True)
-    scene.stops.stop(["A"], "fire")
-    assert read_records(scene.file)["A"].held == "fire"
-    assert scene.file.stat().st_mode & 0o077 == 0
-    scene.close()
-    with contextlib.closing(Scene(tmp_path)) as restarted:
-        restarted.stops.start()
-        (session,) = restarted.agent.sessions.values()
-        with pytest.raises(InvalidCommand, match="fire"):
-            session.command(0.5, 0.0, 0.0, 5.0)
-        restarted.stops.stop(["A"], "")
-        eventually(lambda: restarted.calls == [("unit", "fire", 2)], PATIENCE_S)
-
-
-def refuses(session: Session) -> bool:
-    try:
-        session.command(0.5, 0.0, 0.0, 5.0)
-    except InvalidCommand as error:
-        assert error.field == STOPPED
-        return True
-    return False
-
-
-def test_a_stop_holds_the_next_robot_of_the_name_until_it_is_reset(scene: Scene) -> None:
-    scene.stops.start()
-    session = scene.agent.register(robot("A"))
-    scene.stops.report_target(session, "unit", True)
-    scene.stops.stop(["A"], "fire")
-    eventually(lambda: scene.calls, PATIENCE_S)
-    session.deregister()
-    session = scene.agent.register(robot("A"))
-    assert refuses(session)
-    assert scene.stops.hold(session) == (True, 1, "fire")
-    scene.stops.stop(["A"], "again")
-    assert len(scene.calls) == 1  # not the former robot's target
-    scene.stops.reset(session)
-    assert not refuses(session)
-    session.deregister()
-    eventually(lambda: not read_records(scene.file), PATIENCE_S)
-
-
-def test_a_stop_of_a_robot_that_restarts_waits_for_it_over_a_restart_of_the_server(
-    scene: Scene, tmp_path: Path
+def test_a_stop_of_a_robot_that_restarts_waits_for_it_and_names_that_never_existed_fill_no_disk(
+    scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert scene.stops.stop(["A", "not a name"], "fire") == []
-    scene.close()
-    with contextlib.closing(Scene(tmp_path)) as restarted:
-        restarted.stops.start()
-        session = restarted.agent.register(robot("A"))
-        assert refuses(session)
-        assert not refuses(restarted.agent.register(robot("B", x=5.0)))
-        session.deregister()
-        restarted.stops.reset_robot("A")
-        with pytest.raises(UnknownRobot):
-            restarted.stops.reset_robot("A")
-        assert not refuses(restarted.agent.register(robot("A")))
-
-
-def test_names_that_never_existed_fill_no_disk(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(emergency_stops, "MAX_ABSENT", 2)
     session = scene.agent.register(robot("A"))
-    scene.stops.stop(["X1", "X2"], "")
+    assert scene.stops.stop(["X1", "X2", "not a name"], "fire") == []
     scene.stops.stop(["X3", "A"], "")
     assert set(read_records(scene.file)) == {"A", "X1", "X2"}
     assert refuses(session)
+    with restarted(scene) as again:
+        session = again.agent.register(robot("X1", x=5.0))
+        assert refuses(session)
+        assert not refuses(again.agent.register(robot("B", x=3.5)))
+        session.deregister()
+        again.stops.reset_robot("X1")
+        with pytest.raises(UnknownRobot):
+            again.stops.reset_robot("X1")
+        assert not refuses(again.agent.register(robot("X1", x=5.0)))
 
 
-def test_a_robot_reports_a_stop_of_its_own(scene: Scene, tmp_path: Path) -> None:
+def test_a_robot_reports_a_stop_of_its_own_which_holds_over_a_restart(scene: Scene) -> None:
+    scene.stops.start()
     session = scene.agent.register(robot("A"))
     scene.stops.report_target(session, "unit", True)
     assert scene.stops.report_stop(session, "button") == (True, (True, 1, "button"))
@@ -220,24 +176,25 @@ def test_a_robot_reports_a_stop_of_its_own(scene: Scene, tmp_path: Path) -> None
     assert scene.stops.end(session, 2) == (True, 1, "button")  # no stop of this number yet
     assert refuses(session)
     assert scene.calls == scene.published == []
-    scene.close()
-    with contextlib.closing(Scene(tmp_path)) as restarted:
-        restarted.stops.start()
-        (session,) = restarted.agent.sessions.values()
-        seen = restarted.stops.hold(session)
+    assert (read_records(scene.file)["A"].held, scene.file.stat().st_mode & 0o077) == ("button", 0)
+    with restarted(scene) as again:
+        (session,) = again.agent.sessions.values()
+        seen = again.stops.hold(session)
         assert seen == (True, 1, "button")
-        restarted.stops.stop(["A"], "smoke")
-        assert restarted.stops.end(session, seen.number) == (True, 2, "smoke")  # it has not seen that one
+        again.stops.stop(["A"], "smoke")
+        eventually(lambda: again.calls == [("unit", "button", 2)], PATIENCE_S)
+        assert again.stops.end(session, seen.number) == (True, 2, "smoke")  # it has not seen that one
         assert refuses(session)
-        assert restarted.stops.end(session, 2) == (False, 2, "")
+        assert again.stops.end(session, 2) == (False, 2, "")
         assert not refuses(session)
         session.deregister()
         with pytest.raises(SessionExpired):
-            restarted.stops.report_stop(session, "late")
+            again.stops.report_stop(session, "late")
 
 
-def test_each_stop_is_delivered_to_the_robot(scene: Scene) -> None:
+def test_each_stop_is_delivered_to_the_robot_and_holds_the_next_one_of_its_name(scene: Scene) -> None:
     """Also a second one: the robot has to know its number for a reset."""
+    scene.stops.start()
     session = scene.agent.register(robot("A"))
     scene.stops.report_target(session, "unit", True)
     for number in (1, 2):
@@ -246,13 +203,22 @@ def test_each_stop_is_delivered_to_the_robot(scene: Scene) -> None:
         eventually(lambda: scene.stops.state(session).is_confirmed, PATIENCE_S)
         scene.stops.states(["A"])  # only looks
     assert scene.calls == [("unit", "fire", 1), ("unit", "fire", 2)]
+    session.deregister()
+    session = scene.agent.register(robot("A"))
+    assert refuses(session)
+    assert scene.stops.hold(session) == (True, 2, "fire")
+    scene.stops.stop(["A"], "again")
+    assert len(scene.calls) == 2  # not the former robot's target
+    scene.stops.reset(session)
+    assert not refuses(session)
+    session.deregister()
+    eventually(lambda: not read_records(scene.file), PATIENCE_S)
 
 
 def test_stops_of_the_first_release_hold(scene: Scene) -> None:
     scene.file.write_text('{"A": {"registration": "x", "target": "unit", "stands_with_body": true, "held": "fire"}}')
     scene.stops.start()
-    session = scene.agent.register(robot("A"))
-    assert scene.stops.hold(session) == (True, 1, "fire")
+    assert scene.stops.hold(session := scene.agent.register(robot("A"))) == (True, 1, "fire")
     assert refuses(session)
 
 
@@ -267,7 +233,7 @@ def test_stops_work_without_a_disk(scene: Scene) -> None:
     eventually(lambda: scene.file.is_file() and read_records(scene.file)["A"].held == "fire", PATIENCE_S)
 
 
-def test_a_stop_of_all_holds_robots_that_log_on_until_it_is_ended(scene: Scene, tmp_path: Path) -> None:
+def test_a_stop_of_all_holds_robots_that_log_on_until_it_is_ended(scene: Scene) -> None:
     session = scene.agent.register(robot("A"))
     scene.stops.stop([], "fire")
     scene.stops.reset(session)
@@ -275,20 +241,18 @@ def test_a_stop_of_all_holds_robots_that_log_on_until_it_is_ended(scene: Scene, 
     later = scene.agent.register(robot("B", x=5.0))
     assert refuses(later)
     assert "all robots are stopped, until: robocorba stop --all --reset (fire)" in scene.stops.hold(later).reason
-    scene.close()
-    with contextlib.closing(Scene(tmp_path)) as restarted:
-        restarted.stops.start()
-        sessions = {session.name: session for session in restarted.agent.sessions.values()}
+    with restarted(scene) as again:
+        sessions = {session.name: session for session in again.agent.sessions.values()}
         assert {name: refuses(session) for name, session in sessions.items()} == {"A": False, "B": True}
-        assert refuses(restarted.agent.register(robot("C", x=9.0)))
-        hold = restarted.stops.stop_of_all
+        assert refuses(again.agent.register(robot("C", x=9.0)))
+        hold = again.stops.stop_of_all
         assert hold == (True, 1, "fire")
-        restarted.stops.stop([], "smoke")
-        assert restarted.stops.end_stop_of_all(hold.number) == (True, 2, "smoke")
+        again.stops.stop([], "smoke")
+        assert again.stops.end_stop_of_all(hold.number) == (True, 2, "smoke")
         assert read_records(scene.file)[ALL].held == "smoke"
-        assert restarted.stops.end_stop_of_all(2) == (False, 2, "")
+        assert again.stops.end_stop_of_all(2) == (False, 2, "")
         assert not read_records(scene.file)[ALL].held
-        assert not refuses(restarted.agent.register(robot("D", x=7.0, y=5.0)))
+        assert not refuses(again.agent.register(robot("D", x=7.0, y=5.0)))
         assert refuses(sessions["B"])  # until it is reset
 
 

@@ -6,6 +6,7 @@ import contextlib
 import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -90,11 +91,8 @@ def test_paused_time_can_be_stepped(counter: Counter) -> None:
     counter.loop.start()
     with pytest.raises(InvalidChoice):
         counter.loop.step(0)
-    threads = [threading.Thread(target=counter.loop.step, args=(steps,)) for steps in (70, 30)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join(60.0)
+    with ThreadPoolExecutor() as threads:
+        list(threads.map(counter.loop.step, (70, 30)))
     assert counter.steps == 100
     counter.wait_for_cycles()
     assert counter.steps == 100
@@ -124,23 +122,14 @@ def test_errors_of_calls_and_steps_stop_nothing(counter: Counter) -> None:
 
 def test_a_pending_call_ends_when_the_loop_closes(counter: Counter) -> None:
     counter.loop.start()
-    holding, results = threading.Event(), []
-    first = threading.Thread(target=lambda: counter.loop.do(lambda: holding.wait(60.0)))
-    first.start()
-
-    def second() -> None:
-        try:
-            results.append(counter.loop.do(lambda: 1))
-        except SimulationBusy as busy:
-            results.append(busy)
-
-    waiting = threading.Thread(target=second)
-    waiting.start()
-    eventually(lambda: counter.loop._calls.qsize() == 1, what="the second call")
-    closing = threading.Thread(target=counter.loop.close)
-    closing.start()
-    eventually(lambda: counter.loop._closing, what="the end")
-    holding.set()
-    for thread in (closing, waiting):
-        thread.join(60.0)
-    assert len(results) == 1
+    began, holding = threading.Event(), threading.Event()
+    with ThreadPoolExecutor() as threads:
+        threads.submit(counter.loop.do, lambda: began.set() or holding.wait(60.0))
+        assert began.wait(60.0)
+        waiting = [threads.submit(counter.loop.do, lambda: 1) for _ in range(3)]
+        closing = threads.submit(counter.loop.close)
+        eventually(lambda: waiting[0].running() and closing.running(), what="the calls")
+        holding.set()
+        closing.result(60.0)
+        for call in waiting:
+            assert isinstance(call.exception(60.0), SimulationBusy | None)

@@ -88,11 +88,6 @@ def test_a_rider_follows_its_cabin_when_the_elevator_gets_another_name() -> None
     assert place(view).z == 3.0
     view.apply([renamed[0]._replace(since=2, version=3, came=[], elevators={"lift": cabin(4.0, "L2", ())})])
     assert place(view).z == 0.0  # of its floor
-
-
-def test_each_robot_has_the_time_of_its_floor() -> None:
-    view = SystemView(HOUSE)
-    view.apply([update("L1", 1, 10.0, came="A"), update("L2", 1, 9.5, came="B")])
-    assert (place(view, "A").time_s, place(view, "B").time_s, view.time_s) == (10.0, 9.5, 10.0)
-    view.apply([update("L2", 2, 10.5)])
-    assert (place(view, "A").time_s, place(view, "B").time_s, view.time_s) == (10.0, 10.5, 10.5)
+    assert (place(view).time_s, view.time_s) == (2.0, 2.0)
+    view.apply([update("L2", 3, 2.5)])
+    assert (place(view).time_s, view.time_s) == (2.0, 2.5)  # of its floor, too

@@ -16,7 +16,6 @@ from mcap.reader import make_reader
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import Pose
-from robocorba.map_editor.spatial.posture import Posture
 from robocorba.robot.display import Display, DisplayKind
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import JOINTS
@@ -24,17 +23,13 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.mission_record import MissionContent, MissionResult, MissionState, PhaseRecord
 from robocorba.simulation.recorded_entries import dump_mission
 from robocorba.simulation.recording import Recorder, Recording
-from robocorba.simulation.system_changes import SystemChanges
-from tests.simulation.places import recorded_drive, scan, tower
-from tests.simulation.test_system_view import HOUSE, cabin, update
+from tests.simulation.places import POSTURE, SCAN, recorded_drive, tower
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed")
 decoders = pytest.importorskip("mcap_protobuf.decoder", reason="mcap-protobuf-support is not installed")
 
 from robocorba.bridges.foxglove.files import FoxgloveFile, convert  # noqa: E402
 
-POSTURE = Posture("A", 0.5, tuple(0.1 * number for number in range(len(JOINTS))))
-SCAN = scan("A", 0.5, ahead=0.1, distances=np.array([1.25, 2.5, 8.0, 3.0, 8.0]), hits=np.array([1, 1, 0, 1, 0], bool))
 MISSION = MissionContent(kind="move_table", about="T1", leader="A", begun=1.0, phases=(PhaseRecord("asking", 1.0),))
 Messages = dict[str, list[Any]]
 
@@ -142,7 +137,7 @@ def test_scans_joints_and_missions(messages: Messages) -> None:
     assert (found.start_angle, found.end_angle) == (-1.0, 1.0)
     ((_, joints),) = messages["/A/joint_states"]
     assert {joint.name: joint.position for joint in joints.joints} == dict(zip(JOINTS, POSTURE.joints, strict=True))
-    moved = {each.child_frame_id: each for _, message in messages["/tf"] for each in message.transforms}
+    moved = frames(messages)
     for link, (at_m, attitude) in SmartPalBody().links(np.array(POSTURE.joints)).items():
         if link != "base":
             transform = moved[f"A/{link}"]
@@ -160,10 +155,7 @@ def test_a_recording_has_what_was_written(recording: Recording) -> None:
     (posture,) = (posture for moment in moments for posture in moment.postures)
     (seen,) = (scan for moment in moments for scan in moment.scans)
     begun, ended = (mission for moment in moments for mission in moment.missions)
-    assert posture == POSTURE
-    rows = {"distances": 0, "hits": 0, "unmapped": 0}
-    assert seen._replace(**rows) == SCAN._replace(**rows)  # type: ignore[arg-type]
-    assert (seen.distances.tolist(), seen.hits.tolist()) == (SCAN.distances.tolist(), SCAN.hits.tolist())
+    assert (posture, seen.mount, seen.distances.tolist()) == (POSTURE, SCAN.mount, SCAN.distances.tolist())
     assert begun == MissionState("m1", 0, MISSION)
     assert b'"attempts"' not in dump_mission("m1", MISSION)  # mission control's states don't have it
     assert ended.content.reason == "no way"
@@ -174,9 +166,7 @@ def test_what_an_edit_of_the_map_removes_is_deleted(recording: Recording, tmp_pa
     with contextlib.closing(FoxgloveFile(tmp_path / "a.mcap", tower())) as file:
         first = [update for at_s, update in recording.updates() if at_s == 0.0]
         file.publisher.update_floors(first)
-        building = tower()
-        ground = Building(building.name, {"L1": building.floors["L1"]})
-        file.publisher.set_building(ground)
+        file.publisher.set_building(Building("tower", {"L1": tower().floors["L1"]}))
         file.publisher.update_floors([])
     messages = read(tmp_path / "a.mcap")
     deleted = {each.id for _, message in messages["/scene"] for each in message.deletions}
@@ -197,29 +187,6 @@ def test_an_existing_file_is_kept(recording: Recording, tmp_path: Path) -> None:
     assert read(path)["/tf"]
     with pytest.raises(InvalidRecording, match="No such file"):
         convert(recording, tmp_path / "nowhere" / "b.mcap")
-
-
-def test_a_rider_does_not_fall_back_to_its_old_floor_when_its_cabin_arrives(tmp_path: Path) -> None:
-    with contextlib.closing(FoxgloveFile(tmp_path / "a.mcap", HOUSE)) as file:
-        for time_s, updates in enumerate(
-            (
-                [update("L1", 1, 1.0, cabin(0.0, "L1"), came="A"), update("L2", 1, 1.0, cabin(0.0, "L1"))],
-                [update("L1", 2, 2.0, cabin(3.0)), update("L2", 2, 2.0, cabin(3.0))],
-                [update("L1", 3, 3.0, cabin(4.0, "L2"))],
-                [update("L2", 3, 3.0, cabin(4.0, "L2"), came="A")],
-            )
-        ):
-            file.write_changes(SystemChanges(updates, [], [], []), time_s)
-    messages = read(tmp_path / "a.mcap")
-    heights = [
-        each.translation.z
-        for _, message in messages["/tf"]
-        for each in message.transforms
-        if each.child_frame_id == "A/base_link"
-    ]
-    assert heights == sorted(heights)
-    assert heights[-1] == 4.0
-    assert len(heights) == 5
 
 
 def test_robots_are_shown_with_what_their_panels_show_if_that_is_known(recording: Recording, tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
@@ -69,43 +69,44 @@ def is_free(*ports: Port) -> bool:
     return not any(port.offered or port.begun or port.connections.all() for port in ports)
 
 
+def connect_all(ports: Sequence[Port], caller: int = 0, id: str = "") -> tuple[ReturnCode, Connection]:
+    return ports[caller].own.connect(Connection("all", id, tuple(ports), {"wish": "x"}))
+
+
 @pytest.mark.parametrize("caller", [0, 1, 2])
 def test_each_port_gets_what_all_have_offered(caller: int) -> None:
     ports = three()
-    code, made = ports[caller].own.connect(Connection("all", "", ports, {"wish": "x"}))
-    assert code is ReturnCode.OK
-    assert made.id
+    code, made = connect_all(ports, caller)
+    assert code is ReturnCode.OK and made.id
     for port in ports:
         assert port.begun == {made.id: {"wish": "x", "a": "here", "b": "here", "c": "here"}} or port is not ports[0]
         assert port.own.find(made.id) is not None
+    assert connect_all(ports, caller, made.id)[0] is ReturnCode.PRECONDITION_NOT_MET, "an id is used once"
+    assert [one.id for one in ports[caller].own.all()] == [made.id]
     assert ports[caller].own.disconnect(made.id) is ReturnCode.OK
     assert is_free(*ports)
     assert ports[caller].own.disconnect(made.id) is ReturnCode.BAD_PARAMETER
+    connect_all(ports)
+    assert ports[0].own.disconnect_all() is ReturnCode.OK
+    assert is_free(*ports)
 
 
-@pytest.mark.parametrize("stage", ["offer", "begin"])
+@pytest.mark.parametrize(("stage", "code"), [("offer", "UNSUPPORTED"), ("begin", "UNSUPPORTED"), ("away", "ERROR")])
 @pytest.mark.parametrize("refusing", [0, 1, 2])
-def test_none_is_connected_if_one_refuses(stage: str, refusing: int) -> None:
+def test_none_is_connected_if_one_refuses_or_is_away(stage: str, code: str, refusing: int) -> None:
     ports = three()
     ports[refusing].refuses.add(stage)
-    code, _ = ports[0].own.connect(Connection("all", "", ports, {}))
-    assert code is ReturnCode.UNSUPPORTED
+    ports[refusing].is_away = stage == "away"
+    assert connect_all(ports, caller=(refusing + 1) % 3)[0] is ReturnCode[code]
     assert is_free(*ports)
 
 
-def test_one_that_is_away_keeps_all_from_being_connected_and_none_connected() -> None:
-    ports = three()
-    ports[1].is_away = True
-    assert ports[0].own.connect(Connection("all", "1", ports, {}))[0] is ReturnCode.ERROR
-    assert is_free(*ports)
-    ports[1].is_away = False
-    _, made = ports[0].own.connect(Connection("all", "", ports, {}))
-    ports[0].is_away = True
-    assert ports[2].own.disconnect(made.id) is ReturnCode.OK
-    assert is_free(ports[1], ports[2])
-
-
-def test_a_connection_is_lost_with_a_port_that_stays_away() -> None:
+def test_a_connection_ends_without_ports_that_are_away_and_is_lost_with_those_that_stay_away() -> None:
+    ports = a, b, c = three()
+    _, made = connect_all(ports)
+    a.is_away = True
+    assert c.own.disconnect(made.id) is ReturnCode.OK
+    assert is_free(b, c)
     a, b, c = three()
     a.own.connect(Connection("a b", "1", (b, a), {}))
     a.own.connect(Connection("a c", "2", (c, a), {}))
@@ -116,15 +117,6 @@ def test_a_connection_is_lost_with_a_port_that_stays_away() -> None:
     assert [one.id for one in a.own.all()] == ["1", "2"]
     a.own.disconnect_lost()
     assert [one.id for one in a.own.all()] == ["1"]
-
-
-def test_an_id_is_used_once() -> None:
-    a, b, _ = three()
-    assert a.own.connect(Connection("all", "1", (a, b), {}))[0] is ReturnCode.OK
-    assert a.own.connect(Connection("again", "1", (a, b), {}))[0] is ReturnCode.PRECONDITION_NOT_MET
-    assert [one.name for one in a.own.all()] == ["all"]
-    assert a.own.disconnect_all() is ReturnCode.OK
-    assert is_free(a, b)
 
 
 def test_what_is_no_connection_is_refused() -> None:

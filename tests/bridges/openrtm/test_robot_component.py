@@ -10,7 +10,7 @@ import pytest
 
 from robocorba.bridges.openrtm.connections import Connection
 from robocorba.bridges.openrtm.data_ports import DATAFLOW, IN_PORT, OUT_PORT, InvalidValue
-from robocorba.bridges.openrtm.life_cycle import LifeCycle, ReturnCode, State
+from robocorba.bridges.openrtm.life_cycle import ReturnCode, State
 from robocorba.bridges.openrtm.robot_component import (
     DataTypes,
     Ranges,
@@ -114,18 +114,6 @@ def test_only_an_active_component_of_a_running_context_sends_and_drives() -> Non
     assert [component.start(), component.start()] == [ReturnCode.OK, ReturnCode.PRECONDITION_NOT_MET]
 
 
-def test_an_emergency_stop_is_an_error_until_it_is_ended() -> None:
-    shown = Shown()
-    life = shown.component.life_cycle
-    life.activate()
-    life.fail("emergency stop")
-    shown.robot.stop = "still pressed"
-    assert (life.reset(), life.state) == (ReturnCode.ERROR, State.ERROR)
-    assert "still pressed" in life.reason
-    shown.robot.stop = ""
-    assert (life.reset(), life.state) == (ReturnCode.OK, State.INACTIVE)
-
-
 def test_poses_come_at_the_rate() -> None:
     shown = Shown()
     shown.component.life_cycle.activate()
@@ -159,40 +147,45 @@ def test_the_validity_of_velocities_is_a_parameter() -> None:
 def test_a_component_that_ends_leaves_nothing_and_stands_if_it_was_driven() -> None:
     shown = Shown()
     life = shown.component.life_cycle
-    life.activate()
-    life.deactivate()
-    life.activate()
-    for wrong in (math.nan, math.inf):
-        assert not shown.put((wrong, 0.0, 0.0))
+    for act in (life.activate, life.deactivate, life.activate):
+        act()
+    assert not any(shown.put((wrong, 0.0, 0.0)) for wrong in (math.nan, math.inf))
     assert shown.robot.orders == []
     shown.put((0.1, 0.0, 0.0))
     shown.component.close()
     assert not shown.objects.served
-    assert shown.component.life_cycle.state is State.INACTIVE
+    assert life.state is State.INACTIVE
     assert shown.robot.orders[-1] == ((0.0, 0.0, 0.0), 0.5)
 
 
 # ---- the life cycle alone ----
 
+STAND = (0.0, 0.0, 0.0), 0.5
 OK, REFUSED = ReturnCode.OK, ReturnCode.PRECONDITION_NOT_MET
 
 
 def test_each_operation_is_allowed_in_one_state() -> None:
-    calls: list[str] = []
-    life = LifeCycle(lambda: calls.append("stand"), lambda: calls.append("reset"))
+    shown = Shown()
+    life = shown.component.life_cycle
     assert life.state is State.INACTIVE
     assert [life.deactivate(), life.reset(), life.fail("why")] == [REFUSED] * 3
     assert life.activate() is OK
     assert life.is_active
     assert [life.activate(), life.reset()] == [REFUSED] * 2
-    assert life.fail("the robot is stopped") is OK
-    assert (life.state, life.reason) == (State.ERROR, "the robot is stopped")
+    shown.put((0.1, 0.0, 0.0))
+    assert life.fail("emergency stop") is OK
+    assert shown.robot.orders[1:] == [STAND]
+    assert (life.state, life.reason) == (State.ERROR, "emergency stop")
     assert [life.activate(), life.deactivate(), life.fail("again")] == [REFUSED] * 3
-    assert life.reset() is OK
-    assert (life.state, life.reason) == (State.INACTIVE, "")
-    assert [life.activate(), life.deactivate()] == [OK, OK]
-    assert life.state is State.INACTIVE
-    assert calls == ["stand", "reset", "stand"]
+    shown.robot.stop = "still pressed"
+    assert (life.reset(), life.state) == (ReturnCode.ERROR, State.ERROR)
+    assert "still pressed" in life.reason
+    shown.robot.stop = ""
+    assert (life.reset(), life.state, life.reason) == (OK, State.INACTIVE, "")
+    life.activate()
+    shown.put((0.1, 0.0, 0.0))
+    assert [life.deactivate(), life.state] == [OK, State.INACTIVE]
+    assert shown.robot.orders[3:] == [STAND]
 
 
 @pytest.mark.parametrize("kind", [ReturnCode, State])

@@ -17,15 +17,12 @@ from scipy.spatial.transform import Rotation
 from robocorba.bridges.ros2.bag import convert
 from robocorba.bridges.ros2.frames import Frames
 from robocorba.errors.simulation import InvalidRecording
-from robocorba.map_editor.spatial.posture import Posture
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.recording import Recorder, Recording
-from tests.simulation.places import recorded_drive, scan, tower
+from tests.simulation.places import POSTURE, SCAN, recorded_drive, tower
 
-POSTURE = Posture("A", 0.5, tuple(0.1 * number for number in range(len(JOINTS))))
-SCAN = scan("A", 0.5, ahead=0.1, distances=np.array([1.25, 2.5, 8.0, 3.0, 8.0]), hits=np.array([1, 1, 0, 1, 0], bool))
 #: Messages by topic.
 Messages = dict[str, list[Any]]
 
@@ -82,14 +79,17 @@ def test_odometry_is_the_pose_and_the_velocity_in_the_robots_frame(messages: Mes
     twist = last.twist.twist
     assert (twist.linear.x, twist.linear.y, twist.angular.z) == pytest.approx((0.4, 0.1, 0.2), abs=0.02)
     clock = [seconds(message.clock) for message in messages["/clock"]]  # of the simulation
-    assert clock == sorted(clock)
-    assert 0.0 <= clock[0] < clock[-1] < 3.0
+    assert clock == sorted(clock) and 0.0 <= clock[0] < clock[-1] < 3.0
     assert seconds(last.header.stamp) == clock[-1]
     passed_s = clock[-1] - seconds(first.header.stamp)
     assert passed_s > 1.4
     at = last.pose.pose.position
     assert at.x - first.pose.pose.position.x == pytest.approx(0.4 * passed_s, abs=0.15)
     assert at.z == 0.0
+    (found,) = messages["/A/scan"]
+    assert (found.header.frame_id, seconds(found.header.stamp)) == ("A/laser", SCAN.time)
+    assert found.ranges.tolist() == pytest.approx(np.where(SCAN.hits, SCAN.rim_m + SCAN.distances, math.inf).tolist())
+    assert found.angle_max == pytest.approx(SCAN.first_rad + 4 * SCAN.step_rad)
 
 
 def test_frames_lead_from_the_map_to_the_hands(messages: Messages) -> None:
@@ -126,23 +126,13 @@ def test_links_are_where_the_kinematics_have_them(messages: Messages) -> None:
 def test_the_description_has_the_frames_of_the_robot(messages: Messages) -> None:
     root = ElementTree.fromstring(messages["/A/robot_description"][0].data)
     links = {link.get("name") for link in root.iter("link")}
-    assert links - {"A/base_link"} == {frame for frame in transforms(messages) if frame.startswith("A/")} - {
-        "A/base_link",
-        "A/odom",
-    }
+    frames = {frame for frame in transforms(messages) if frame.startswith("A/")}
+    assert links - {"A/base_link"} == frames - {"A/base_link", "A/odom"}
     joints = {joint.get("name") for joint in root.iter("joint") if joint.get("type") == "revolute"}
     first, last = messages["/A/joint_states"][0], messages["/A/joint_states"][-1]
     assert joints == set(first.name)
     assert first.position.tolist() == [0.0] * len(JOINTS)
     assert [last.position[[*last.name].index(name)] for name in JOINTS] == pytest.approx(POSTURE.joints)
-
-
-def test_rays_without_a_hit_are_infinite(messages: Messages) -> None:
-    (found,) = messages["/A/scan"]
-    assert found.header.frame_id == "A/laser"
-    assert found.ranges.tolist() == pytest.approx(np.where(SCAN.hits, SCAN.rim_m + SCAN.distances, math.inf).tolist())
-    assert found.angle_max == pytest.approx(SCAN.first_rad + 4 * SCAN.step_rad)
-    assert seconds(found.header.stamp) == SCAN.time
 
 
 def test_maps_have_what_does_not_move(messages: Messages) -> None:
@@ -172,13 +162,12 @@ def test_one_robot_with_plain_frames(recording: Recording, tmp_path: Path) -> No
 
 
 def test_an_existing_folder_is_kept_unless_it_is_overwritten(recording: Recording, tmp_path: Path) -> None:
-    convert(recording, tmp_path / "bag")
-    with pytest.raises(InvalidRecording, match="exists"):
-        convert(recording, tmp_path / "bag")
-    convert(recording, tmp_path / "bag", {"A"}, overwrite=True)
-    assert "/C/odom" not in read(tmp_path / "bag")
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "mine.txt").write_text("mine")
-    with pytest.raises(InvalidRecording, match="exists"):
-        convert(recording, tmp_path / "other", overwrite=True)
+    convert(recording, tmp_path / "bag", {"A"})
+    for folder, overwrite in (("bag", False), ("other", True)):
+        with pytest.raises(InvalidRecording, match="exists"):
+            convert(recording, tmp_path / folder, overwrite=overwrite)
+    convert(recording, tmp_path / "bag", {"B"}, overwrite=True)
+    assert "/A/odom" not in read(tmp_path / "bag")
     assert (tmp_path / "other" / "mine.txt").exists()

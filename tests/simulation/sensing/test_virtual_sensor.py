@@ -156,7 +156,20 @@ def test_a_scan_at_many_poses_equals_single_scans(place: Following) -> None:
     assert read(1) == read(1) != read(2)
 
 
-def test_scans_of_outdated_floor_data_are_refused(place: Following) -> None:
+def test_scans_of_outdated_floor_data_and_invalid_ones_are_refused(place: Following) -> None:
+    here = [0.0, 0.0, 0.0]
+    for robots, mount in (
+        ([[math.nan, 0.0, 0.0]], Mount()),
+        ([[1.0, 1.0, 0.0], [0.0, 0.0, math.inf]], Mount()),
+        ([here], Mount(math.nan)),
+        ([here], Mount(0.0, 0.0, -math.inf)),
+        ([here] * (MAX_RAYS_AT_ONCE // LASER.count + 1), Mount()),
+    ):
+        with pytest.raises(InvalidScan):
+            place.sensor.scan("L1", np.array(robots), mount, ScanSpec(LASER))
+    for fan, rim in ((LASER, -0.1), (LASER, math.nan), (LASER, 101.0), (Fan(0.0, 0.1, 1, 1000.0), 1.0)):
+        with pytest.raises(InvalidScan):
+            ScanSpec(fan, rim)
     place.clock.now += LAG_LIMIT_S - 0.01
     place.ahead(6.0, 2.0, 0.0)
     assert place.sensor.lag_s == pytest.approx(LAG_LIMIT_S - 0.01)
@@ -165,62 +178,35 @@ def test_scans_of_outdated_floor_data_are_refused(place: Following) -> None:
         place.ahead(6.0, 2.0, 0.0)
     fresh = VirtualSensor(place.clock)
     fresh.set_map(tower())
-    with pytest.raises(SensorBehind):
-        fresh.scan("L1", np.zeros((1, 3)), Mount(), AHEAD)
-    with pytest.raises(UnknownFloor):
-        fresh.scan("roof", np.zeros((1, 3)), Mount(), AHEAD)
-
-
-def test_an_invalid_scan_is_refused(place: Following) -> None:
-    for robots, mount in (
-        ([[math.nan, 0.0, 0.0]], Mount()),
-        ([[1.0, 1.0, 0.0], [0.0, 0.0, math.inf]], Mount()),
-        ([[0.0, 0.0, 0.0]], Mount(math.nan)),
-        ([[0.0, 0.0, 0.0]], Mount(0.0, 0.0, -math.inf)),
-        ([[0.0, 0.0, 0.0]] * (MAX_RAYS_AT_ONCE // LASER.count + 1), Mount()),
-    ):
-        with pytest.raises(InvalidScan):
-            place.sensor.scan("L1", np.array(robots), mount, ScanSpec(LASER))
-    for fan, rim in ((LASER, -0.1), (LASER, math.nan), (LASER, 101.0), (Fan(0.0, 0.1, 1, 1000.0), 1.0)):
-        with pytest.raises(InvalidScan):
-            ScanSpec(fan, rim)
+    for floor, refusal in (("L1", SensorBehind), ("roof", UnknownFloor)):
+        with pytest.raises(refusal):
+            fresh.scan(floor, np.array([here]), Mount(), AHEAD)
 
 
 # ---- reports ----
 
 
-def test_reports_hold_the_load_and_the_last_scans(place: Following) -> None:
-    cpu = Clock()
+def test_reports_hold_the_load_and_the_last_scan_of_each_sensor_with_what_its_rays_hit(place: Following) -> None:
+    cpu, at = Clock(), Pose("L1", 5.0, 2.0, 0.3)
     reports = Reports(place.sensor, place.clock, cpu)
-    spec = ScanSpec(LASER, 0.2)
-    for name in ("A", "A", None):
-        seen = place.sensor.scan("L1", np.array([[5.0, 2.0, 0.3]]), Mount(), spec, name)
-        reports.record_scan(name, Pose("L1", 5.0, 2.0, 0.3), Mount(), spec, seen)
+    for mount, spec in ((Mount(0.1), ScanSpec(PROXIMITY, 0.4, seed=5)), (Mount(), ScanSpec(LASER, 0.2))):
+        for name in ("A", "A", None):
+            seen = place.sensor.scan("L1", np.array([at[1:]]), mount, spec, name)
+            reports.record_scan(name, at, mount, spec, seen)
     place.clock.now += 2.0
     cpu.now += 0.5
     (last,) = reports.collect()
-    assert (last.robot, last.at) == ("A", ("L1", 5.0, 2.0, 0.3))
+    assert (last.robot, last.at) == ("A", at)
     assert last.distances == pytest.approx(seen.distances[0] + 0.2)
-    load = reports.load
-    assert (load.busy, load.scan_rate) == (pytest.approx(0.25), pytest.approx(1.5))
-    assert reports.collect() == []
-
-
-def test_reports_hold_each_sensor_of_a_robot_and_what_its_rays_hit(place: Following) -> None:
-    reports, at = Reports(place.sensor, place.clock, Clock()), Pose("L1", 5.0, 2.0, 0.3)
-    for mount, spec in ((Mount(), ScanSpec(LASER)), (Mount(0.1), ScanSpec(PROXIMITY, 0.4, seed=5))):
-        for _ in range(2):
-            seen = place.sensor.scan("L1", np.array([at[1:]]), mount, spec, "A")
-            reports.record_scan("A", at, mount, spec, seen)
-    reports.record_scan(None, at, mount, spec, seen)
-    laser, ring = reports.collect_robot_scans()
-    assert (laser.robot, laser.at, laser.mount, laser.range_m, laser.rim_m) == ("A", at, (0.0, 0.0, 0.0), 8.0, 0.0)
+    assert (reports.load.busy, reports.load.scan_rate) == (pytest.approx(0.25), pytest.approx(3.0))
+    ring, laser = reports.collect_robot_scans()
+    assert (laser.robot, laser.at, laser.mount, laser.range_m, laser.rim_m) == ("A", at, (0.0, 0.0, 0.0), 8.0, 0.2)
     assert (ring.mount, ring.range_m, ring.rim_m, ring.noise) == ((0.1, 0.0, 0.0), 1.0, 0.4, (0.0, 0.0, 0.0, 5))
-    assert ring.distances.tolist() == seen.distances[0].tolist()
+    assert laser.distances.tolist() == seen.distances[0].tolist()
     for found in (laser, ring):
         assert found.hits.tolist() == [distance < found.range_m for distance in found.distances.tolist()]
     assert 0 < laser.hits.sum() < len(laser.hits)
-    assert reports.collect_robot_scans() == []
+    assert reports.collect() == reports.collect_robot_scans() == []
 
 
 # ---- floors that are followed ----
@@ -264,20 +250,16 @@ def test_the_first_scan_sees_where_robots_are_now(place: Following) -> None:
 # ---- noise ----
 
 
-def test_the_error_has_the_stated_deviation() -> None:
+def test_the_error_has_the_stated_deviation_and_depends_on_seed_and_robot_only() -> None:
     errors = disturb(Noise(0.01, 0.005), DISTANCES, 8.0, 1, ROBOTS) - 4.0
     assert abs(errors.mean()) < 4 * 0.03 / math.sqrt(errors.size)
     assert errors.std() == pytest.approx(0.03, rel=0.02)
     share = (np.abs(errors) < 0.03).mean()
     assert share == pytest.approx(0.6827, abs=0.015)  # as of a normal distribution
-
-
-def test_noise_depends_on_seed_and_robot_only() -> None:
     noise = Noise(0.01)
-    first = disturb(noise, DISTANCES, 8.0, 7, ROBOTS)
-    assert np.array_equal(first, disturb(noise, DISTANCES, 8.0, 7, ROBOTS))
+    first, again, other = (disturb(noise, DISTANCES, 8.0, seed, ROBOTS) for seed in (7, 7, 8))
+    assert np.array_equal(first, again)
     assert np.array_equal(first[4:5], disturb(noise, DISTANCES[:1], 8.0, 7, ROBOTS[4:5]))  # whatever the others
-    other = disturb(noise, DISTANCES, 8.0, 8, ROBOTS)
     assert abs(np.corrcoef(first.ravel(), other.ravel())[0, 1]) < 0.05
     assert abs(np.corrcoef(first[0], first[1])[0, 1]) < 0.15
 
