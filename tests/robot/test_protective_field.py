@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,6 +126,14 @@ class World(RobotAdaptor, Senses):
         is_hit = (distance > 0.0) & (share >= 0.0) & (share <= 1.0)
         found: Floats = np.where(is_hit, distance, 8.0).min(axis=1, initial=8.0)
         return found
+
+
+@pytest.fixture(autouse=True, scope="module")
+def within_a_tick_no_time_passes() -> Iterator[None]:
+    """Delays are those of a world: a busy machine adds none."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(high_controller, "time", SimpleNamespace(monotonic=lambda: 0.0))
+        yield
 
 
 class Stepped(HighController):
