@@ -72,8 +72,7 @@ class BodyInBuilding:
         self._session.command(follow_velocity(robot, body), 3 * FOLLOW_S)
 
     def _share_stops(self) -> None:
-        known = self._known
-        hold, reason = self._session.hold(), self._agent.held
+        known, hold, reason = self._known, self._session.hold(), self._agent.held
         if self._known != known:  # a stop came at the same time
             return
         is_known = hold.number == known or not hold.is_held

@@ -151,7 +151,7 @@ class EmergencyStops:
         self._lock = threading.Lock()
         self._names: dict[str, _Name] = {}
         #: The stop of all robots.
-        self._all = _Name()
+        self._all = _Name(StopLatch())
         # 16 targets are called at a time: robots that hang hold up the calls of others that much less. A defect of a
         # call becomes the robot's `problem`; it is called again by the next stop.
         self._callers = Workers("emergency-stops", 16, lambda reason: None)
@@ -354,6 +354,7 @@ class EmergencyStops:
 
     def _lose_file(self, error: Exception) -> None:
         """Nobody knows which robots the file held."""
+        self._all = _Name()
         self._all.latch.stop(f"{self._file.name} could not be read: {str(error)[:MAX_REASON]}")
         consequence = f"all robots are stopped, {UNTIL_RESET}"
         try:
