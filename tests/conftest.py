@@ -45,14 +45,9 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that wait for real processes come first, the slow ones before the others and of these the longest, so that
-    no worker is left alone with one of them at the end."""
-
-    def order(item: pytest.Item) -> tuple[float, bool]:
-        slow = item.get_closest_marker("slow")
-        return -(slow.kwargs.get("minutes", 1.0) if slow else 0.0), item.get_closest_marker("system") is None
-
-    items.sort(key=order)
+    """Files that wait for real processes come first, the slow ones before the others, so that no worker is left alone
+    with one of them at the end."""
+    items.sort(key=lambda item: (item.get_closest_marker("slow") is None, item.get_closest_marker("system") is None))
 
 
 def pytest_collection_finish() -> None:

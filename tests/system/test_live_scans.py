@@ -31,7 +31,7 @@ from testkit.virtual_and_actual import RobotProcess, robot_process
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
-pytestmark = [pytest.mark.system, pytest.mark.slow(minutes=2), pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 PATIENCE_S = 120.0
 #: Where the actual robot begins, and its radius; the front of the chair before it [m].

@@ -23,7 +23,7 @@ from robocorba.simulation.mission_record import MissionResult
 from testkit.missions import FLOOR, MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
 from testkit.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.slow(minutes=2), pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 #: The phases of a mission from when hands grip.
 TAKEN_HOLD = ("gripping", "carrying", "putting down", "backing off")

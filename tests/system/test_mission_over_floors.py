@@ -27,7 +27,7 @@ from testkit.buildings import two_storeys
 from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, missions
 from testkit.processes import ROBOCORBA, eventually, read_json
 
-pytestmark = [pytest.mark.system, pytest.mark.slow(minutes=2), pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 PATIENCE_S = 120.0
 ORDER = "waiting", "waiting for an order"

@@ -29,7 +29,7 @@ BROWSER = chromium()
 pytestmark = [
     pytest.mark.full,
     pytest.mark.system,
-    pytest.mark.slow(minutes=2),
+    pytest.mark.slow,
     pytest.mark.skipif(not BROWSER, reason="there is no chromium on this machine"),
 ]
 

@@ -27,7 +27,7 @@ from testkit.namespaces import Namespace
 from testkit.processes import ROBOCORBA, Launcher, drain, eventually, read_json
 from tests.waits import pause
 
-pytestmark = [pytest.mark.system, pytest.mark.slow(minutes=2), pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = Path(str(files("robocorba") / "samples"))
