@@ -1,5 +1,5 @@
 """Any edits by two authors in sessions and by others without one: the editor agrees with plain dictionaries, and an
-author undoes what that author changed, or is told why not."""
+author undoes what that author changed, or gets the reason why not."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ class Run:
 
     def __init__(self, file: Path, chance: random.Random, pool: list[tuple[str, Element]]) -> None:
         self.file, self.chance, self.pool = file, chance, pool
-        self.model, self.heard = Model(), list[Change]()
+        self.model, self.received = Model(), list[Change]()
         MapStore.create(file, START).close()
         self.open()
 
@@ -105,7 +105,7 @@ class Run:
         """Open the store, in which authors have nothing to undo yet."""
         self.store = MapStore(self.file)
         self.editor = BuildingEditor(self.store)
-        self.editor.subscribe(lambda building, version, changes: self.heard.extend(changes))
+        self.editor.subscribe(lambda building, version, changes: self.received.extend(changes))
         sessions = EditSessions(self.editor)
         self.targets: dict[str, Any] = {"": self.editor, **{author: sessions.open(author) for author in AUTHORS}}
         self.own: dict[str, tuple[list[OwnEdit], list[OwnEdit]]] = {author: ([], []) for author in AUTHORS}
@@ -252,9 +252,9 @@ class Run:
             for kind, floor in [*listed, (FLOOR, ""), (ELEVATOR, "")]
             for element, version in self.editor.elements(kind, floor)
         } == self.model.versions
-        assert self.heard == self.editor.changes_since(1)
+        assert self.received == self.editor.changes_since(1)
         replayed = START
-        for change in self.heard:
+        for change in self.received:
             replayed = apply(replayed, [change])
         assert replayed == self.editor.building
         shown = msgspec.json.encode(self.editor.building)

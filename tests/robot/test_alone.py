@@ -197,12 +197,12 @@ class Robot:
 
 
 class Body(BodyInBuilding):
-    """told: number of the last stop of the server that the robot has got."""
+    """received: number of the last stop of the server that the robot has."""
 
-    told = 0
+    received = 0
 
     def stop(self, reason: str, number: int = 0) -> None:
-        self.told = max(self.told, number)
+        self.received = max(self.received, number)
         super().stop(reason, number)
 
 
@@ -255,7 +255,7 @@ class SharedStops(RuleBasedStateMachine):
     @rule()
     def reset(self) -> None:
         self.robot.latch.end(self.robot.latch.number)
-        self.is_held = self.body.told < self.last
+        self.is_held = self.body.received < self.last
         self.is_from_server &= self.is_held
 
     @rule()

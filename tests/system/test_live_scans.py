@@ -7,7 +7,7 @@ import contextlib
 import json
 import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,10 +17,8 @@ import pytest
 from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, MapObject
 from robocorba.orb.orb import Orb
-from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.corba.adaptor_servant import SensingAdaptorServant
-from robocorba.robot.motion.robot_state import ActorCommand, RobotState
-from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, usual_sensors
+from robocorba.robot.senses import Ranges
 from robocorba.stubs import RoboCorba
 from robocorba.system.claimed_ports import claimed_ports
 from testkit.actual_robot import running_stand_in
@@ -28,6 +26,7 @@ from testkit.browser import chromium, headless
 from testkit.buildings import two_floors, with_all
 from testkit.processes import eventually, read_json, running_system
 from testkit.virtual_and_actual import RobotProcess, robot_process
+from tests.system.test_senses import START, Standing
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
@@ -36,40 +35,18 @@ pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 PATIENCE_S = 120.0
 #: Where the actual robot begins, and its radius; the front of the chair before it [m].
 AT, RADIUS_M, CHAIR_X = (2.5, 5.5, 0.0), 0.4, 4.5
-STANDING_AT = (2.5, 3.0, 0.0)
 
 
-class Counting(RobotAdaptor, Senses):
-    """A driver in this process whose robot stands at STANDING_AT; what its laser measures, and how often it was
-    asked."""
+class Counting(Standing):
+    """A driver in this process, and how often its laser was asked."""
 
     def __init__(self) -> None:
-        self.senses, self.distance_m, self.count, self.asked = self, 8.0, 0, 0
-
-    def start(self, argv: Sequence[str]) -> bool:
-        return True
-
-    def stop(self) -> bool:
-        return True
-
-    def read(self, state: RobotState) -> bool:
-        self.count += 1
-        state.time, (state.x, state.y, state.heading) = 0.02 * self.count, STANDING_AT
-        return True
-
-    def write(self, command: ActorCommand) -> bool:
-        return True
-
-    @property
-    def sensors(self) -> Sequence[RangeSensor]:
-        return usual_sensors()[:1]
+        super().__init__()
+        self.asked = 0
 
     def ranges(self, name: str) -> Ranges:
         self.asked += 1
-        return Ranges(0.02 * self.count, np.full(self.sensor(name).spec.fan.count, self.distance_m))
-
-    def readings(self) -> Sequence[Reading]:
-        return ()
+        return super().ranges(name)
 
 
 class Place(NamedTuple):
@@ -114,7 +91,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
             return stack.enter_context(robot_process(folder / name, orb, name, *where, *more))
 
         robot("A", ",".join(map(str, AT)), "--adaptor", "smartpal", "--", "--naming", str(stand_in.naming))
-        robot("C", ",".join(map(str, STANDING_AT)), "--adaptor", "corba", "--", "--uri", uri)
+        robot("C", ",".join(map(str, START)), "--adaptor", "corba", "--", "--uri", uri)
         virtual = robot("V", "8.0,1.0")
         yield Place(orb, running.record().console_address, driver, virtual)
 
@@ -179,9 +156,8 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
         page, troubles = browser.new_page(), list[str]()
         page.set_default_timeout(PATIENCE_S * 1000.0)
         page.on("pageerror", lambda error: troubles.append(str(error)))
-        facts = {"A": r"actual: nearest .* in no map", "V": r"virtual: nearest 1\.\d\d m"}
-        for path, region, robots in (("", "Robot", "AV"), ("3d", "Selected robot", "A")):
-            for robot, fact in [(name, facts[name]) for name in robots]:
+        for path, region in (("", "Robot"), ("3d", "Selected robot")):
+            for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
                 page.goto(f"{place.address}{path}?robot={robot}")
                 panel = page.get_by_label(f"Robot {robot}" if region == "Robot" else region, exact=True)
                 sync.expect(panel).to_contain_text(re.compile(fact))
@@ -197,7 +173,7 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
 
 @pytest.mark.skipif(not chromium(), reason="there is no chromium on this machine")
 def test_a_program_goes_to_the_computer_of_a_robot(place: Place, tmp_path: Path) -> None:
-    """A virtual robot checks it. The form tells what it has found, and remembers the address."""
+    """A virtual robot checks it. The form shows what it has found, and remembers the address."""
     sync = pytest.importorskip("playwright.sync_api", reason="playwright, which moves the browser, is not installed")
     from tests.system.test_console_in_browser import operator
 

@@ -1,4 +1,4 @@
-"""Robots on two floors: they swap floors by the only elevator, then carry a box up, of whom one is killed in the cabin.
+"""Robots on two floors: they swap floors by the only elevator, then two carry a box up, and one is killed in the cabin.
 What they say meanwhile on their touch panels a client, the console, `robocorba watch` and `robocorba status` read
 in the same words."""
 
