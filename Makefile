@@ -58,7 +58,7 @@ demo: stubs
 # The two halves of the suite, CONTRIBUTING.md; test-all runs both at once.
 test: HALF := --numprocesses 7 -m "not full"
 # What drives actual robots needs a processor within a second.
-test-rest: HALF := --numprocesses 6 -m full
+test-rest: HALF := --numprocesses 5 -m full
 test-all: HALF := --numprocesses 7
 test test-rest test-all: stubs
 	@$(BIN)/python -m tests.prepare
