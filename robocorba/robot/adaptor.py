@@ -13,6 +13,9 @@ from robocorba.errors.robots import AdaptorFailed
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.robot.senses import Senses
 
+#: `waits_for` of a robot that is its body in the simulated building.
+SIMULATION_SERVER = "the simulation server"
+
 
 class ArgumentParser(argparse.ArgumentParser):
     """Of an adaptor's arguments; raises AdaptorFailed for those that are wrong."""

@@ -21,7 +21,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotError, RobotHeld, RobotLost
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import turned
-from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.adaptor import SIMULATION_SERVER, RobotAdaptor
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER
 from robocorba.robot.motion.motion import Motion, MotionCommand
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
@@ -61,9 +61,11 @@ class Timing:
     rest_tick_s: float = 0.5
     #: Timeout of `refresh`.
     refresh_limit_s: float = 0.2
-    #: Time without a tick after which what the control loop waits for counts as hanging. The calls of one tick take
-    #: less, unless the simulation server is held up for longer.
+    #: Time without a tick after which what the control loop waits for counts as hanging.
     hang_limit_s: float = 1.5
+    #: The same for the simulation server: a session's calls end sooner (`remote_session.PATIENCE_S`). The robot stands
+    #: meanwhile, since its last command expires.
+    server_limit_s: float = 7.0
     #: Interval between checks of the control loop while a motion runs.
     check_interval_s: float = 0.5
     #: Time since the last of these checks that counts as time in which this process has run; more is a pause of it.
@@ -100,8 +102,8 @@ class HighController:
     has seen, and a start of the adaptor ends the losses that were known when it began. What comes in between stops the
     adaptor as soon as it has started.
 
-    A pause of the whole process, such as by a debugger, is no fault of the adaptor: its setpoint is old then, so the
-    adaptor is stopped and started again, and after a short pause the motion goes on."""
+    A pause of the whole process, such as by a debugger, is no fault of the adaptor. After a short one the motion goes
+    on from standstill, since the last command has expired; so it does after a silence of the simulation server."""
 
     def __init__(
         self,
@@ -156,6 +158,8 @@ class HighController:
         #: How long the ticks of the last second took [s]; when this one began, and how long after the one before it.
         self._took_s: deque[float] = deque(maxlen=50)
         self._began = self._since_last_s = 0.0
+        #: When the last command was written [s, monotonic].
+        self._written_at = -math.inf
         #: The time in which this process has run.
         self._awake = AttendedTime(longest_pause_s=timing.longest_check_pause_s)
         #: When the last tick began, or the next one is due: by `_awake`, and by the clock.
@@ -261,7 +265,7 @@ class HighController:
         seen = self._stops.number if seen is None else seen
         if not self.stopped:
             raise IllegalOrder("restart", "was not stopped")
-        is_silent = self._is_looping and self._silent_s > self._timing.hang_limit_s and not self.is_lost
+        is_silent = self._is_looping and self._silent_s > self._limit_s and not self.is_lost
         if is_silent or not self._adaptor_in_use.acquire(timeout=self._timing.end_limit_s):
             raise AdaptorFailed(f"it still hangs: {self._hang}")
         try:
@@ -326,8 +330,7 @@ class HighController:
         self._is_beginning, self.is_stop_confirmed = True, False
         try:
             if state := self._start_adaptor():
-                ahead, left, turn = state.velocity
-                self._velocity = *turned(ahead, left, state.heading), turn
+                self._velocity = _velocity(state)
                 self._targets = state.joints.copy()
                 self._note_state(state)
             if end:
@@ -389,36 +392,26 @@ class HighController:
                 due = time.monotonic()
             self.late_s.append(max(0.0, time.monotonic() - due))
             self._check_hang()
-            if (pause_s := time.monotonic() - self._ticked_at_clock) > self._timing.hang_limit_s:
-                self._restart_after_pause(pause_s)
+            if (pause_s := time.monotonic() - self._ticked_at_clock) > self._timing.pause_limit_s and not self.stopped:
+                self.lose(f"the robot's process was paused for {pause_s:.1f} s")
             self._tick()
             self._ticked.set()
             if self.is_lost:
                 self._reconnect()
                 due = time.monotonic()
 
-    def _restart_after_pause(self, pause_s: float) -> None:
-        """This process was paused, and no call hung: the adaptor is stopped, since its setpoint is old, and started."""
-        if self.stopped:
-            return
-        if pause_s > self._timing.pause_limit_s:
-            self.lose(f"the robot's process was paused for {pause_s:.1f} s")
-            return
-        _log.warning("the robot's process was paused for %.1f s: the robot stops, and goes on", pause_s)
-        self._stop_adaptor()
-        try:
-            with self._adaptor_in_use:
-                self._begin()
-        except RoboCorbaError as error:
-            self.lose(str(error))
-
     def _note_tick(self, due_in_s: float = 0.0) -> None:
         self._ticked_at, self._ticked_at_clock = self._awake() + due_in_s, time.monotonic() + due_in_s
 
     def _check_hang(self) -> None:
         is_held = self._is_beginning or self._closing.is_set() or bool(self.stopped)
-        if not is_held and self._silent_s > self._timing.hang_limit_s:
+        if not is_held and self._silent_s > self._limit_s:
             self.lose(self._hang)
+
+    @property
+    def _limit_s(self) -> float:
+        """Longest time without a tick [s]."""
+        return self._timing.server_limit_s if self._waits_for == SIMULATION_SERVER else self._timing.hang_limit_s
 
     @property
     def _hang(self) -> str:
@@ -429,10 +422,13 @@ class HighController:
 
     def _answer_of(self, whom: str, call: Callable[..., Answer], *arguments: object) -> Answer:
         """The answer to a call in a tick. whom: who may keep it waiting."""
-        self._waits_for = whom
+        self._waits_for, began, began_clock = whom, self._awake(), time.monotonic()
         try:
             answer = call(*arguments)
             self._check_hang()
+            if whom == SIMULATION_SERVER:  # what follows in the tick has its whole limit
+                self._ticked_at += self._awake() - began
+                self._ticked_at_clock += time.monotonic() - began_clock
             return answer
         finally:
             self._waits_for = ""
@@ -454,9 +450,14 @@ class HighController:
                 if not (self.stopped or self._closing.is_set()):  # by a late halt after a stop that has ended meanwhile
                     self.lose("its adaptor was stopped")
                 return
-            self._answer_of("the simulation server", self._calls.on_state, state)
+            read_at = time.monotonic()
+            self._answer_of(SIMULATION_SERVER, self._calls.on_state, state)
+            now = time.monotonic()
+            if any(self._velocity) and now - self._written_at > VALID_S:  # the last command has expired
+                self._velocity = _velocity(state) if now - read_at < VALID_S else ZERO_VELOCITY
             self._note_state(state)
             command = self._command(state)
+            self._written_at = time.monotonic()
             self._answer_of(robot, self._adaptor.write, command)
             self._took_s.append(time.monotonic() - self._began)
             self._calls.on_command(state, command)
@@ -640,6 +641,11 @@ class _RunningMotion:
         if self._since is not None:
             self._since += state.time - self._last_time
             self._last_time = state.time
+
+
+def _velocity(state: RobotState) -> Velocity:
+    """In the building's frame."""
+    return *turned(*state.velocity[:2], state.heading), state.velocity[2]
 
 
 def _stopped(reason: str, is_lost: bool) -> RobotError:

@@ -11,7 +11,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.errors.sensing import SensorBehind
 from robocorba.errors.simulation import SimulationError
-from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.adaptor import SIMULATION_SERVER, RobotAdaptor
 from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, JOINTS
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
@@ -51,7 +51,7 @@ class SimulatedAdaptor(RobotAdaptor):
     """The joints follow the simulation's time, also when it runs faster or slower or is paused."""
 
     is_in_building = True
-    waits_for = "the simulation server"
+    waits_for = SIMULATION_SERVER
 
     def __init__(self, session: BuildingSession) -> None:
         self._session = session

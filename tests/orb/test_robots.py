@@ -363,25 +363,24 @@ CALLS: dict[str, Callable[[RemoteSession], object]] = {
     "brake": RemoteSession.brake,
     "command": lambda session: session.command((0.3, 0.0, 0.0), 0.1),
     "callElevator": lambda session: session.call_elevator("E1", "L2"),
+    "longestElevatorWait": RemoteSession.longest_elevator_wait_s,
     "scan": lambda session: session.scan(Pose("L1", 1.0, 2.0, 0.0), Mount(0.0, 0.0, 0.0), ScanSpec(LASER)),
 }
 
 
 def test_how_long_robots_wait(session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "RETRY_S", 0.1)
+    """With a brake less long."""
+    monkeypatch.setattr(module, "CALL_TIMEOUT_S", 0.1)
     session.log_on()
     server.failing = 1000
     with pytest.raises(RobotLost, match="does not answer"):
         session.brake()
-    assert 1 < len(server.calls) < 20
-    monkeypatch.setattr(module, "RETRY_S", 30.0)
-    server.failing = 0
-    session.announce_body(False)  # actual robots don't wait
-    server.calls, server.failing = [], 2
-    for operation in ("brake", "command"):
-        with pytest.raises(RobotLost, match="does not answer"):
-            CALLS[operation](session)
-    assert server.calls == ["brake", "command"]
+    assert 1 < len(server.calls) < 4
+    monkeypatch.setattr(module, "PATIENCE_S", 1.0)
+    server.calls.clear()
+    with pytest.raises(RobotLost, match="does not answer"):
+        session.longest_elevator_wait_s()
+    assert 4 <= len(server.calls) < 60
 
 
 PATIENCE_S = 30.0

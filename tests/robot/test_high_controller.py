@@ -16,8 +16,7 @@ import pytest
 
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
 from robocorba.errors.services import NotReachable
-from robocorba.robot import high_controller
-from robocorba.robot.adaptor import RobotAdaptor
+from robocorba.robot.adaptor import SIMULATION_SERVER, RobotAdaptor
 from robocorba.robot.high_controller import TICK_S, VALID_S, Callbacks, HighController, Timing
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 from robocorba.robot.motion.driving import DriveAt
@@ -65,7 +64,7 @@ class Watched(RobotAdaptor):
         """The same, also while it moves."""
         if self.defect:
             raise self.defect
-        return "the robot's adaptor"
+        return SIMULATION_SERVER if self.is_virtual else RobotAdaptor.waits_for
 
     def start(self, argv: Sequence[str]) -> bool:
         self.starts += 1
@@ -259,7 +258,9 @@ def test_a_lost_robot_shows_why_it_stays_lost_and_obeys_a_stop(
     stays(lambda: high.stopped == "button", 1.2)
 
 
-def test_the_loop_shows_a_defect_of_a_lost_robot_and_who_is_silent(high: HighController, adaptor: Watched) -> None:
+def test_the_loop_shows_a_defect_of_a_lost_robot_and_who_is_silent(adaptor: Watched) -> None:
+    high = made(adaptor, None, None, Timing(server_limit_s=1.0))
+
     def fail() -> None:
         raise SystemExit("of a library")
 
@@ -276,6 +277,28 @@ def test_the_loop_shows_a_defect_of_a_lost_robot_and_who_is_silent(high: HighCon
     assert high.stopped.startswith("the simulation server did not answer for ")
     goes_on.set()
     eventually(lambda: high.stopped == "", "found again")
+    high.close()
+
+
+@pytest.mark.parametrize("is_virtual", [True, False])
+def test_a_motion_goes_on_after_a_server_that_was_silent_from_standstill(adaptor: Watched, is_virtual: bool) -> None:
+    """Its silence counts neither as a pause of the robot's process nor as a hang of the adaptor."""
+    timing = Timing(hang_limit_s=1.0, server_limit_s=600.0, longest_check_pause_s=600.0, pause_limit_s=1.5)
+    adaptor.is_virtual = is_virtual
+    high = made(adaptor, None, None, timing)
+    driving(high)
+    waiting = MagicMock(side_effect=lambda *state: adaptor.goes_on.wait(60.0))
+    adaptor.before_read, high._calls.on_state = (waiting, MagicMock()) if is_virtual else (MagicMock(), waiting)
+    eventually(lambda: waiting.called, "a call of the server")
+    outlast(2 * timing.hang_limit_s)
+    high.check_alive()
+    assert high.awaited == "the simulation server, which does not answer"
+    count = len(adaptor.commands)
+    adaptor.go_on()
+    eventually(lambda: len(adaptor.commands) > count + 50, "driving again")
+    speeds = [abs(command.velocity[0]) for command in adaptor.commands[count:]]
+    assert speeds[0] < 0.1 and max(speeds) > 0.15 and adaptor.stops == 0
+    high.close()
 
 
 def once(call: Callable[[], None]) -> tuple[Callable[[], None], list[bool]]:
@@ -353,68 +376,44 @@ def test_an_adaptor_that_hangs_is_noticed_and_comes_back(high: HighController, a
     works(high)
 
 
-class Paused:
-    """A controller whose process can be paused: meanwhile no thread attends, and the loop is between two ticks or in a
-    call of the adaptor."""
-
-    def __init__(self, adaptor: Watched, monkeypatch: pytest.MonkeyPatch, pause_limit_s: float) -> None:
-        self.adaptor, self.pause_s = adaptor, 0.0
-        self._sleep = time.sleep
-        monkeypatch.setattr(high_controller.time, "sleep", self.sleep)
-        limits = {"longest_check_pause_s": 0.1, "check_interval_s": 600.0, "pause_limit_s": pause_limit_s}
-        self.high = made(adaptor, None, None, Timing(hang_limit_s=1.0, **limits))
-        self.moving = THREADS.submit(self.high.move, DriveAt((0.2, 0.0, 0.0), 2.0))
-        eventually(lambda: self.high.state.velocity[0] > 0.1, "moving")
-
-    def sleep(self, seconds: float) -> None:
-        pause_s, is_loop = self.pause_s, threading.current_thread().name == "high controller"
-        if is_loop:
-            self.pause_s = 0.0
-        self._sleep(seconds + pause_s * is_loop)
-
-    def pause(self, seconds: float, where: str) -> BaseException | None:
-        """Returns how the motion failed."""
-        if where == "between ticks":
-            self.pause_s = seconds
-            eventually(lambda: not self.pause_s, "the pause")
-        else:
-            self.adaptor.before_read, _ = once(lambda: self._sleep(seconds))
-        return self.moving.exception(60.0)
-
-
 @pytest.mark.parametrize(("limit_s", "where"), [(60.0, "between ticks"), (60.0, "in a call"), (1.1, "between ticks")])
-def test_a_robot_stops_when_its_process_is_paused_and_a_motion_goes_on_or_has_failed(
-    adaptor: Watched, monkeypatch: pytest.MonkeyPatch, limit_s: float, where: str
+def test_a_motion_goes_on_from_standstill_after_a_pause_of_its_process_unless_it_was_long(
+    adaptor: Watched, limit_s: float, where: str
 ) -> None:
-    """A long pause ends it."""
-    paused = Paused(adaptor, monkeypatch, limit_s)
-    error = paused.pause(1.2, where)
+    """Meanwhile no thread attends, and the loop is between two ticks or in a call of the adaptor."""
+    timing = Timing(hang_limit_s=0.5, longest_check_pause_s=0.1, check_interval_s=600.0, pause_limit_s=limit_s)
+    high = made(adaptor, None, None, timing)
+    moving = THREADS.submit(high.move, DriveAt((0.2, 0.0, 0.0), 2.0))
+    eventually(lambda: high.state.velocity[0] > 0.1, "moving")
+    paused, _ = once(lambda: pause(1.2))
+    if where == "in a call":
+        adaptor.before_read = paused
+    else:
+        high._calls.on_command = lambda state, command: paused()
+    error = moving.exception(60.0)
     if limit_s > 1.2:
-        assert error is None
-        assert adaptor.stops == adaptor.starts - 1 >= 1
+        assert error is None and adaptor.stops == 0
+        assert np.diff([command.velocity[0] for command in adaptor.commands]).min() < -0.08
     else:
         assert "the robot's process was paused for " in str(error)
-        eventually(lambda: paused.high.stopped == "", "found again")
-    paused.high.close()
+        eventually(lambda: high.stopped == "", "found again")
+    high.close()
 
 
 def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, adaptor: Watched) -> None:
-    class Watching:
-        def __init__(self) -> None:
-            self.elapsed: list[float] = []
+    elapsed: list[float] = []
 
-        def command(self, state: RobotState, elapsed_s: float) -> MotionCommand | None:
-            self.elapsed.append(elapsed_s)
-            return MotionCommand() if elapsed_s < 0.6 else None
+    def command(state: RobotState, elapsed_s: float) -> MotionCommand | None:
+        elapsed.append(elapsed_s)
+        return MotionCommand() if elapsed_s < 0.6 else None
 
-    watching = Watching()
-    moving = THREADS.submit(high.move, watching)
-    eventually(lambda: len(watching.elapsed) > 5, "running")
+    moving = THREADS.submit(high.move, SimpleNamespace(command=command))
+    eventually(lambda: len(elapsed) > 5, "running")
     adaptor.hangs.set()
     pause(0.5)
     adaptor.go_on()
     moving.result(60.0)
-    assert max(np.diff(watching.elapsed)) <= VALID_S + 1e-6
+    assert max(np.diff(elapsed)) <= VALID_S + 1e-6
 
 
 def test_the_end_ends_a_motion(adaptor: Watched) -> None:

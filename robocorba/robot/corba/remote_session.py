@@ -23,6 +23,7 @@ from robocorba.orb.calls import describe, set_call_timeout
 from robocorba.orb.exceptions import domain_error
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import translated
+from robocorba.robot.adaptor import SIMULATION_SERVER
 from robocorba.robot.corba import robot_states
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.session import SessionState
@@ -38,14 +39,13 @@ from robocorba.system.backoff import Backoff
 
 #: Timeout of calls in the control loop [s]; the robot stops earlier, when its last command expires.
 CALL_TIMEOUT_S = 1.0
-#: While the server is away, calls that may be repeated are, for this time [s]: it restarts within it, and restores
-#: sessions whose lease has not expired. So is a call that timed out: a busy machine may hold up one for CALL_TIMEOUT_S.
-RETRY_S = 1.5
+#: While the server is away or held up, calls that may be repeated are, for this time [s]: the robot stands meanwhile,
+#: and a server that restarts restores its session.
+PATIENCE_S = 5.0
 #: Timeout of calls that the server stores on disk before it answers [s].
 CHANGE_TIMEOUT_S = 3.0
 #: A heartbeat is left out this long after any other call, which renews the lease too [s]. The lease is 2 s.
 RENEWED_S = 0.6
-SERVER = "the simulation server"
 Answer = TypeVar("Answer")
 
 
@@ -121,8 +121,6 @@ class RemoteSession:
         try:
             self._call(lambda to: to.session.command(RoboCorba.Velocity(*velocity), valid_s))
         except ServerAway:  # once it is back another command, or none, may be right: it is not sent again
-            if not self._is_body:
-                raise
             self._repeat(lambda to: to.session.heartbeat())
         except InvalidCommand as error:
             if error.field == STOPPED:
@@ -157,7 +155,7 @@ class RemoteSession:
         return self._call(end)
 
     def brake(self) -> None:
-        self._repeat(lambda to: to.session.brake())
+        self._repeat(lambda to: to.session.brake(), CALL_TIMEOUT_S)  # the caller wants to know soon
 
     def report_posture(self, joints: Floats) -> None:
         """Publish the robot's joint angles (n,), at most 64 [rad]. Raises RobotLost, InvalidCommand."""
@@ -252,7 +250,7 @@ class RemoteSession:
             server = self._orb.resolve("SimulationServer", RoboCorba.SimulationServer, 5.0, CHANGE_TIMEOUT_S)
         except NotReachable as error:
             raise RobotLost(str(error)) from None
-        with translated(SERVER, RobotLost):
+        with translated(SIMULATION_SERVER, RobotLost):
             uri = self._orb.uri(server.registerRobot(sessions.description(about)))
             session = self._orb.reference(uri, RoboCorba.RobotSession, CALL_TIMEOUT_S)
             slow_session = self._orb.reference(uri, RoboCorba.RobotSession, CHANGE_TIMEOUT_S)
@@ -267,10 +265,9 @@ class RemoteSession:
         collisions = self._latest.collisions if self._latest else 0
         self._references = _References(session, slow_session, sensor, collisions)
 
-    def _repeat(self, operation: Callable[[_References], Answer]) -> Answer:
-        """The answer to a call that may be repeated; a virtual robot waits for a server that restarts or is held up,
-        and an actual one must not move without its body. Raises RobotLost and domain errors."""
-        return Backoff(0.02, 0.1).call(lambda: self._call(operation), RETRY_S if self._is_body else 0.0, ServerAway)
+    def _repeat(self, operation: Callable[[_References], Answer], patience_s: float | None = None) -> Answer:
+        """The answer to a call that may be repeated. Raises RobotLost and domain errors."""
+        return Backoff(0.02, 0.1).call(lambda: self._call(operation), patience_s or PATIENCE_S, ServerAway)
 
     def _call(self, operation: Callable[[_References], Answer], is_sensor: bool = False) -> Answer:
         """The answer to a call; is_sensor: of the sensor, which does not renew the lease. Raises RobotLost and domain
@@ -305,8 +302,8 @@ def _known(operation: Callable[[], None]) -> None:
 
 def _lost(error: CORBA.SystemException, is_sensor: bool = False) -> RobotLost:
     if isinstance(error, CORBA.OBJECT_NOT_EXIST) and not is_sensor:
-        return RobotLost(f"{SERVER} has logged the robot off")
+        return RobotLost(f"{SIMULATION_SERVER} has logged the robot off")
     # It has ended, is about to start, or is held up.
     is_away = isinstance(error, (CORBA.COMM_FAILURE, CORBA.TRANSIENT, CORBA.TIMEOUT))
-    server = "the virtual sensor server" if is_sensor else SERVER
+    server = "the virtual sensor server" if is_sensor else SIMULATION_SERVER
     return (ServerAway if is_away else RobotLost)(f"{server} does not answer ({describe(error)})")
