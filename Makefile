@@ -57,7 +57,7 @@ demo: stubs
 
 # The two halves of the suite, CONTRIBUTING.md; test-all runs both at once.
 test: HALF := --numprocesses 7 -m "not full"
-# What drives actual robots needs a processor within a second.
+# Units of actual robots answer within 0.3 s, or the robot stops.
 test-rest: HALF := --numprocesses 5 -m full
 test-all: HALF := --numprocesses 7
 test test-rest test-all: stubs

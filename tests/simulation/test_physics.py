@@ -220,7 +220,7 @@ def test_a_pushed_or_released_table_stops_and_what_is_held_can_be_removed() -> N
             floor.grip("B", item, (0.0, 0.0), 300.0, 4.0)
 
 
-# ---- the same in each run; and where nothing moves a floor is not stepped, and nobody can tell ----
+# ---- the same in each run; and where nothing moves a floor is not stepped, without a difference ----
 
 
 def floor_with(count: int) -> FloorPhysics:

@@ -81,7 +81,7 @@ def test_a_wrong_or_missing_file_is_one_line(robocorba_up: Start, tmp_path: Path
 
 # ---- edits under load ----
 
-#: Between two kills in a row the supervisor waits longer each time, so the whole is started anew now and then.
+#: Between two kills in a row the supervisor waits longer each time, so the whole is restarted now and then.
 ROUNDS, KILLS_EACH = 2, 3
 EDITS_EACH, ROBOTS = 500, 4
 #: What a call says whose server died, or is not back yet.

@@ -553,7 +553,7 @@ def test_pulls_that_timed_out_lose_no_event(lab: Lab) -> None:
 
 
 def test_a_mutual_disconnect_does_not_recur_and_a_second_one_does_not_exist(lab: Lab) -> None:
-    """Each peer is told once; one disconnects its proxy meanwhile, and finds that it does not exist any more."""
+    """Each peer is notified once; one disconnects its proxy meanwhile, and finds that it does not exist any more."""
     for kind, (_, kind_of_client) in CLIENTS.items():
         proxies: list[Any] = []
         found: list[bool] = []

@@ -259,7 +259,7 @@ def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -
 
 
 def passed(place: Place, seconds: float) -> float:
-    """Simulated seconds in so many."""
+    """Simulated seconds in this number of real ones."""
     began, before = time.monotonic(), state_of(place).time
     pause(seconds)
     after = state_of(place).time

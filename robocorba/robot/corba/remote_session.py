@@ -265,9 +265,9 @@ class RemoteSession:
         collisions = self._latest.collisions if self._latest else 0
         self._references = _References(session, slow_session, sensor, collisions)
 
-    def _repeat(self, operation: Callable[[_References], Answer], patience_s: float | None = None) -> Answer:
-        """The answer to a call that may be repeated. Raises RobotLost and domain errors."""
-        return Backoff(0.02, 0.1).call(lambda: self._call(operation), patience_s or PATIENCE_S, ServerAway)
+    def _repeat(self, operation: Callable[[_References], Answer], limit_s: float = math.inf) -> Answer:
+        """The answer to a call that may be repeated, for PATIENCE_S at most. Raises RobotLost and domain errors."""
+        return Backoff(0.02, 0.1).call(lambda: self._call(operation), min(limit_s, PATIENCE_S), ServerAway)
 
     def _call(self, operation: Callable[[_References], Answer], is_sensor: bool = False) -> Answer:
         """The answer to a call; is_sensor: of the sensor, which does not renew the lease. Raises RobotLost and domain

@@ -180,7 +180,7 @@ def test_edits_of_this_floor_are_followed() -> None:
 
 
 def crowded(count: int) -> tuple[Place, DataPool]:
-    """So many robots on each floor, and a pool of the lower one."""
+    """This number of robots on each floor, and a pool of the lower one."""
     place = Place()
     for number, floor in itertools.product(range(count), ("L1", "L2")):
         place.world.add(robot(f"{floor}-{number}", floor, 4.0 + 1.0 * number, 1.5))
