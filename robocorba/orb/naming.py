@@ -400,5 +400,6 @@ def corbaname(naming: Address, name: str = "") -> str:
 
 
 def _remaining_s(deadline: float) -> float:
-    """Timeout of one call: the time left, at most PROBE_TIMEOUT_S, so that a stalled server leaves time for a retry."""
-    return min(PROBE_TIMEOUT_S, max(0.01, deadline - time.monotonic()))
+    """Timeout of one call: the time left, at most PROBE_TIMEOUT_S, so that a stalled server leaves time for a retry; at
+    least 0.2 s, so that the last one gives the reason and is not cut short."""
+    return min(PROBE_TIMEOUT_S, max(0.2, deadline - time.monotonic()))
