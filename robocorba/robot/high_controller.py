@@ -420,13 +420,13 @@ class HighController:
             return f"{whom} did not answer for {self._silent_s:.1f} s"
         return f"the robot's process hung for {self._silent_s:.1f} s"
 
-    def _answer_of(self, whom: str, call: Callable[..., Answer], *arguments: object) -> Answer:
-        """The answer to a call in a tick. whom: who may keep it waiting."""
-        self._waits_for, began, began_clock = whom, self._awake(), time.monotonic()
+    def _answer_of(self, waits_for: str, call: Callable[..., Answer], *arguments: object) -> Answer:
+        """The answer to a call in a tick. waits_for: what may keep it waiting."""
+        self._waits_for, began, began_clock = waits_for, self._awake(), time.monotonic()
         try:
             answer = call(*arguments)
             self._check_hang()
-            if whom == SIMULATION_SERVER:  # what follows in the tick has its whole limit
+            if waits_for == SIMULATION_SERVER:  # what follows in the tick has its whole limit
                 self._ticked_at += self._awake() - began
                 self._ticked_at_clock += time.monotonic() - began_clock
             return answer
