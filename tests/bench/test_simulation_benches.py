@@ -18,7 +18,7 @@ from bench.simulation import robots as bench_robots
 from bench.simulation import sensors as bench_sensors
 from bench.simulation.headless import LASER, MOST, RING, Case, Lap, Wanderers, crowd
 from bench.simulation.robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
-from bench.simulation.robots_client import PATIENCE, STUCK_M_S, Clients, Robot, drive, joined
+from bench.simulation.robots_client import Clients, Robot, drive, joined
 from robocorba.clients.robot_processes import servers
 from robocorba.map_editor import native
 from robocorba.map_editor.movable import movables
@@ -28,7 +28,6 @@ from robocorba.simulation.store import SimulationStore
 from robocorba.stubs import RoboCorba
 from testkit.generated_buildings import RADIUS_M, office, robots
 from testkit.json_process import pids_of
-from tests.waits import work_for
 
 pytestmark = pytest.mark.full
 
@@ -94,32 +93,16 @@ def test_rows_have_the_medians_of_laps_and_growth_is_judged_by_the_time_a_robot(
 
 
 class Session:
-    """Of a robot that is commanded and takes `takes_s` for a command."""
+    """Of a robot that is commanded."""
 
-    def __init__(self, takes_s: float = 0.0) -> None:
+    def __init__(self) -> None:
         self.commands: list[Any] = []
-        self._takes_s = takes_s
 
     def command(self, wanted: Any, valid_s: float) -> None:
-        work_for(self._takes_s)
         self.commands.append(wanted)
 
     def state(self) -> Any:
         return SimpleNamespace(moving=self.commands[-1])
-
-
-def test_a_robot_that_is_stuck_turns_away_for_a_while() -> None:
-    robot, turns = Robot(None, 1), 0
-    for _ in range(PATIENCE + 1):
-        assert robot.next_command()[0] > 0
-        robot.look(0.0)
-    while robot.next_command()[0] == 0:
-        robot.look(0.0)
-        turns += 1
-    assert turns >= 5
-    for _ in range(30):
-        assert robot.next_command()[0] > 0
-        robot.look(2 * STUCK_M_S)
 
 
 def test_robots_are_commanded_as_often_as_is_due_and_what_is_missing_is_counted() -> None:
@@ -128,10 +111,6 @@ def test_robots_are_commanded_as_often_as_is_due_and_what_is_missing_is_counted(
     assert found["due"] == 20 >= len(found["command"]) == len(found["state"]) > 3  # a busy machine misses some
     assert sum(len(robot.session.commands) for robot in fleet) == len(found["command"])
     assert min(found["late"]) >= 0
-    found = drive([Robot(Session(0.05), 0)], time.monotonic(), 0.4, 100.0)
-    assert found["due"] == 40
-    assert len(found["command"]) <= 9
-    assert found["late"][-1] > 200
 
     class Gone(Session):
         def state(self) -> Any:
