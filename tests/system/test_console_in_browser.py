@@ -17,8 +17,7 @@ from robocorba.map_editor import native
 from robocorba.map_editor.model import Building
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from robocorba.system.settings import Address
-from testkit.processes import Running, running_system
+from testkit.processes import Running, eventually, running_system
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 pytest.importorskip("playwright", reason="playwright, which moves the browser, is not installed")
@@ -200,24 +199,40 @@ class Operator:
         expect(paths).to_have_text([re.compile(rf"{mode}\d+\.\d+ m, \d+ points") for mode in MODES])
         self.press("Escape", "Escape")
 
-    def accept_and_reject(self, naming: Address) -> None:
+    def accept_and_reject(self, editor: RoboCorba.MapEditor) -> None:
         """What robots have seen, of which one thing is drawn, by its author."""
         chair = ((7.0, 2.0), (7.5, 2.0), (7.5, 2.5), (7.0, 2.5))
-        with Orb(naming) as orb:
-            editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
-            for dx, seen_by in ((0.0, "A"), (0.0, "B"), (1.5, TABLE[:60])):
-                editor.propose("L1", [RoboCorba.XY(x + dx, y) for x, y in chair], 0.75, seen_by)
-            self.open("Map")
-            self.tab("L1")
-            self.tab(re.compile("Seen ?2"))
-            rows = self.page.get_by_label("Panel").get_by_role("listitem")
-            expect(rows).to_have_text([re.compile("seen by A and B, 0.94"), re.compile("seen by <img src=x")])
-            self.button("Reject seen 2").click()
-            expect(rows).to_have_count(1)
-            self.button("Accept seen 1").click()
-            expect(self.page.get_by_text("Robots have seen nothing that the map lacks.")).to_be_visible()
-            self.button("Undo").click()
-            expect(self.button("Redo")).to_have_attribute("title", "Redo: object seen 1 on L1 created")
+        for dx, seen_by in ((0.0, "A"), (0.0, "B"), (1.5, TABLE[:60])):
+            editor.propose("L1", [RoboCorba.XY(x + dx, y) for x, y in chair], 0.75, seen_by)
+        self.open("Map")
+        self.tab("L1")
+        self.tab(re.compile("Seen ?2"))
+        rows = self.page.get_by_label("Panel").get_by_role("listitem")
+        expect(rows).to_have_text([re.compile("seen by A and B, 0.94"), re.compile("seen by <img src=x")])
+        self.button("Reject seen 2").click()
+        expect(rows).to_have_count(1)
+        self.button("Accept seen 1").click()
+        expect(self.page.get_by_text("Robots have seen nothing that the map lacks.")).to_be_visible()
+        self.button("Undo").click()
+        expect(self.button("Redo")).to_have_attribute("title", "Redo: object seen 1 on L1 created")
+
+    def type_while_another_edits(self, editor: RoboCorba.MapEditor) -> None:
+        """Nobody overwrites unseen what another one has set meanwhile."""
+        self.click_map(self.map, (5.5, 6.0))
+        field = self.page.get_by_label("door time")
+        field.fill("1.3")
+        record = editor.read(e1 := RoboCorba.ElementId(RoboCorba.ELEVATOR_ELEMENT, "", "E1"))
+        record.value.anElevator.doorTime = 1.5
+        editor.change("", record.value, record.changedAt)
+        expect(self.page.get_by_text(re.compile("somebody: .*E1")).first).to_be_visible()
+        self.press("Enter")
+        note = self.page.locator(".map-note")
+        expect(note).to_have_text("Somebody has set this to 1.5 while you typed 1.3. Type it again to set it.")
+        for typed in ("1.3", "1.35"):  # the second before the first is answered
+            field.fill(typed)
+            self.press("Enter")
+        eventually(lambda: editor.read(e1).value.anElevator.doorTime == 1.35, 60.0, "the value")
+        expect(note).to_have_count(0)
 
     # ---- monitor ----
 
@@ -514,7 +529,10 @@ def test_an_operators_day(tmp_path: Path) -> None:
         for step in STEPS:
             step(user)
             assert not user.troubles, step
-        user.accept_and_reject(system.naming)
+        with Orb(system.naming) as orb:
+            editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
+            user.accept_and_reject(editor)
+            user.type_while_another_edits(editor)
         assert not user.troubles
         assert user.page.locator("img[src=x]").count() == 0
         user.kill_map_editor(system)

@@ -85,7 +85,7 @@ export default {
             <template v-if="records.length <= 1 && shownRecord">
               <h2 class="console-heading">{{ shownRecord.kind }} {{ shownRecord.name }}</h2>
               <map-form :key="formKey" :forms="forms" :record="shownRecord" :names="names" :note="note"
-                  @change="changeMember" @rename="rename"></map-form>
+                  @change="changeMember" @rename="rename" @overtaken="showOvertaken($event.detail)"></map-form>
             </template>
             <template v-else-if="records.length > 1">
               <h2 class="console-heading">{{ records.length }} selected: {{ countText }}</h2>
@@ -353,6 +353,9 @@ export default {
       this.formKey += 1;
       if (at >= 0) this.$nextTick(() => fields()[at]?.focus());
     },
+    showOvertaken({ typed, latest }) {
+      this.note = `Somebody has set this to ${latest} while you typed ${typed}. Type it again to set it.`;
+    },
     showRefusal(refused) {
       const { stale } = refused;
       if (stale && this.selected.includes(`${stale.kind}/${stale.name}`)) {
@@ -381,9 +384,10 @@ export default {
       const chosen = tool.name === "room" ? edits.filter((edit) => edit.kind === "area") : edits;
       if (tool.name !== "outline") this.select(chosen.map(idOf));
     },
-    // The record as it is after moves by keys that are under way.
+    // The record as it is after moves by keys and edits that are under way.
     async latest(record) {
       await this.hands.flush();
+      await this.session.changing;
       const now = this.elements.get(idOf(record));
       return now?.floor === record.floor ? now : record;
     },

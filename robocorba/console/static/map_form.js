@@ -8,13 +8,32 @@ const NEW_SHAPES = {
 };
 
 // v-shown: the value of a field, which does not replace what a user is typing there: edits of others come in meanwhile.
+// Such a field then takes their value and emits "overtaken" instead of "change".
 export const shown = {
   mounted(field, { value }) {
-    field.value = field.shownText = String(value);
+    field.value = field.shownText = field.latestText = String(value);
+    field.sent = []; // what was typed, until it is the value
+    field.addEventListener("change", (event) => {
+      const typed = field.value;
+      if (field.latestText === field.shownText) {
+        field.sent.push(typed);
+        return;
+      }
+      event.stopImmediatePropagation();
+      const latest = field.value = field.shownText = field.latestText;
+      field.dispatchEvent(new CustomEvent("overtaken", { bubbles: true, detail: { typed, latest } }));
+    }, { capture: true });
   },
   updated(field, { value }) {
+    const text = String(value);
+    if (text !== field.latestText && field.sent.length) {
+      const answered = field.sent.splice(0, field.sent.indexOf(text) + 1 || 1).pop();
+      if (field.value === answered) field.value = text;
+      field.shownText = text;
+    }
+    field.latestText = text;
     const isTyped = field === document.activeElement && field.value !== field.shownText;
-    if (!isTyped || field.value === String(value)) field.value = field.shownText = String(value);
+    if (!isTyped || field.value === text) field.value = field.shownText = text;
   },
 };
 

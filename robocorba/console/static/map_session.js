@@ -27,6 +27,8 @@ export class MapSession {
     this.isWaiting = false;
     // The promise of a session that is being opened.
     this.opening = null;
+    // Ends when all edits have been answered.
+    this.changing = Promise.resolve();
   }
 
   open() {
@@ -146,7 +148,13 @@ export class MapSession {
     return this.change("map_redo");
   }
 
-  async change(operation, argument = {}) {
+  // Make an edit, after those under way.
+  change(operation, argument) {
+    this.changing = this.changing.then(() => this.changeNow(operation, argument));
+    return this.changing;
+  }
+
+  async changeNow(operation, argument = {}) {
     try {
       const answer = await this.inSession(operation, () => argument);
       if (answer.note) this.say(answer.note);
