@@ -59,7 +59,8 @@ class World(Protocol):
         """A movable object by its name. Raises MissionFailed if it does not exist."""
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
-        """All movable objects except `carried`, by floor, at their current poses."""
+        """All movable objects except `carried` at their current poses, and what robots have seen that no map has, by
+        floor."""
 
     def robots(self) -> list[StandingRobot]:
         """All robots of the building, on whatever floor."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 import pytest
-from shapely import LineString, Polygon
+from shapely import LineString, Point, Polygon
 
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.maps import UnknownElement
@@ -22,6 +22,7 @@ from robocorba.map_editor.proposals import Proposal
 from robocorba.map_editor.samples import sample_path
 from robocorba.map_editor.sightings import SeenObstacle
 from robocorba.map_editor.spatial.pose import XY
+from robocorba.missions.corba.remote_world import RemoteWorld
 from robocorba.orb.orb import Orb
 from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import PathRequest, Place
@@ -112,6 +113,8 @@ def propose(running: Running, client: Orb, watchers: Watchers) -> None:
     assert proposal.certainty == pytest.approx(0.96)
     assert proposal.element.at == pytest.approx(CHAIR, abs=0.05)
     assert clearance_m(CHAIR) >= 0.4
+    in_carries_way = {each.name: each.geometry for each in RemoteWorld(client).others("table")["L1"]}
+    assert in_carries_way[proposal.name].distance(Point(CHAIR)) == 0.0
     assert editor.elements(ElementKind.OBJECT, "L1")[-1][0].name != proposal.name  # on no map yet
 
     # A second one, which a person rejects; the first one is accepted after a kill of the map editor.

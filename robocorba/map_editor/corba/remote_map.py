@@ -24,6 +24,7 @@ from robocorba.map_editor.pages import (
     size_of_copy,
     with_changes_of,
 )
+from robocorba.map_editor.proposals import Proposal
 from robocorba.orb.calls import describe
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import RemoteObject, translated
@@ -73,6 +74,14 @@ class RemoteMap:
             return _lineage(self._editor, since, self.version)
         except CORBA.SystemException as error:
             raise NotReachable(f"the map editor does not answer ({describe(error)})") from None
+
+    def proposals(self) -> list[Proposal]:
+        """The open proposals, oldest first; none of a map editor that does not know them. Raises NotReachable."""
+        with translated("the map editor"):
+            try:
+                return maps.proposals_of(self._editor.proposals())
+            except CORBA.BAD_OPERATION:
+                return []
 
     def _load(self) -> None:
         """Load the building at least as it is now."""

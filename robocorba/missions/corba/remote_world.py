@@ -35,11 +35,14 @@ class RemoteWorld:
 
     def building(self) -> Building:
         """The current map."""
+        return self._current_map().building
+
+    def _current_map(self) -> RemoteMap:
         if self._map is None:
             self._map = RemoteMap(self._orb, RESOLVE_TIMEOUT_S)
         else:
             self._map.follow()
-        return self._map.building
+        return self._map
 
     def movable(self, name: str) -> MovableObject:
         """A movable object by its name. Raises MissionFailed if it does not exist."""
@@ -51,8 +54,10 @@ class RemoteWorld:
         raise MissionFailed(not_found(name, [found.name for found in self._movables()]))
 
     def others(self, carried: str) -> dict[str, list[Obstacle]]:
-        """All movable objects except `carried`, by floor."""
+        """All movable objects except `carried`, and open proposals, by floor."""
         found: dict[str, list[Obstacle]] = {}
+        for seen in self._current_map().proposals():
+            found.setdefault(seen.floor, []).append(Obstacle("object", seen.name, Polygon(seen.outline)))
         for other in self._movables():
             if other.name != carried:
                 shape = placed(other.outline, (other.x, other.y, other.heading))
