@@ -220,6 +220,8 @@ class Operator:
         """Nobody overwrites unseen what another one has set meanwhile."""
         self.click_map(self.map, (5.5, 6.0))
         field = self.page.get_by_label("door time")
+        field.fill("0.50")  # as it was
+        self.press("Enter")
         field.fill("1.3")
         record = editor.read(e1 := RoboCorba.ElementId(RoboCorba.ELEVATOR_ELEMENT, "", "E1"))
         record.value.anElevator.doorTime = 1.5

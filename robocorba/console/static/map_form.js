@@ -7,6 +7,9 @@ const NEW_SHAPES = {
   polygon: { kind: "polygon", points: [[0, 0], [1, 0], [0, 1]] },
 };
 
+const isSame = (field, one, other) => (field.type === "number"
+  ? one === "" || Number(one) === Number(other) : one.trim() === other);
+
 // v-shown: the value of a field, which does not replace what a user is typing there: edits of others come in meanwhile.
 // Such a field then takes their value and emits "overtaken" instead of "change".
 export const shown = {
@@ -14,14 +17,16 @@ export const shown = {
     field.value = field.shownText = field.latestText = String(value);
     field.sent = []; // what was typed, until it is the value
     field.addEventListener("change", (event) => {
-      const typed = field.value;
-      if (field.latestText === field.shownText) {
+      const typed = field.value, latest = field.latestText;
+      const isEdit = !isSame(field, typed, field.sent.at(-1) ?? field.shownText);
+      if (isEdit && latest === field.shownText) {
         field.sent.push(typed);
         return;
       }
       event.stopImmediatePropagation();
-      const latest = field.value = field.shownText = field.latestText;
-      field.dispatchEvent(new CustomEvent("overtaken", { bubbles: true, detail: { typed, latest } }));
+      field.shownText = latest;
+      field.value = field.sent.at(-1) ?? latest;
+      if (isEdit) field.dispatchEvent(new CustomEvent("overtaken", { bubbles: true, detail: { typed, latest } }));
     }, { capture: true });
   },
   updated(field, { value }) {
