@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -22,7 +22,7 @@ from robocorba.map_editor.element_rules import MAX_NAME
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.planning.request import PathPoint, PointKind
 from robocorba.robot.adaptor import RobotAdaptor
-from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramReport
+from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramReport, ProgramResult
 from robocorba.robot.corba import emergency_stop
 from robocorba.robot.corba import remote_agent as control_agent
 from robocorba.robot.corba import remote_session as module
@@ -33,6 +33,7 @@ from robocorba.robot.corba.remote_adaptor import RemoteAdaptor
 from robocorba.robot.corba.remote_agent import CALM, OrderLimits, RemoteAgent, order_all
 from robocorba.robot.corba.remote_session import RemoteSession
 from robocorba.robot.corba.robot_orders import GOAL, RobotOrders
+from robocorba.robot.display import Display, DisplayKind
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
@@ -385,14 +386,17 @@ ROUND, OTHER = (program.dumps(ProgramBuilder(name).mbase_path("L1", 1.0, 2.0).pr
 
 
 class Agent:
-    """A robot's agent; drives end at once. ran: names of the programs that have run."""
+    """A robot's agent; drives end at once. ran: names of the programs that have run. report: of the last one."""
 
     def __init__(self) -> None:
-        self.loaded, self.ran = "", list[str]()
+        self.loaded, self.ran, self.report = "", list[str](), ProgramReport()
 
     def state(self) -> AgentState:
         here = Pose("L1", 0.0, 0.0, 0.0)
-        return AgentState("A", "simulated", AgentCondition.IDLE, "", here, RobotState(), 1.0, 0.0, ProgramReport())
+        return AgentState("A", "simulated", AgentCondition.IDLE, "", here, RobotState(), 1.0, 0.0, self.report)
+
+    def display(self) -> Display:
+        return Display(DisplayKind.WAITING, "an order")
 
     def program(self) -> str:
         return self.loaded
@@ -427,6 +431,21 @@ def test_after_a_goal_the_program_runs_that_was_loaded_last_not_the_goal_again()
             agent.loaded = loaded or agent.loaded
             order()
     assert agent.ran == [GOAL, GOAL, "round", "round", GOAL, GOAL, "round", GOAL, "other", "round"]
+
+
+def test_a_goal_that_was_not_reached_is_reported_once() -> None:
+    agent, said = Agent(), list[str]()
+    goal = ProgramReport(GOAL)
+    ends = [goal._replace(result=result, reason="a chair") for result in (ProgramResult.FAILED, ProgramResult.DONE)]
+    with contextlib.closing(RobotOrders("A", lambda: cast(RemoteAgent, agent), said.append)) as orders:
+        for report in (*ends, ProgramReport("round", ProgramResult.FAILED), ends[0]):
+            agent.report, count = goal, len(agent.ran)
+            orders.drive_to(Pose("L1", 3.0, 4.0, 0.0))
+            eventually(lambda count=count: agent.ran[count:], PATIENCE_S)
+            eventually(lambda: orders._driven, PATIENCE_S)
+            for agent.report in (goal, report, report):
+                orders.look()
+    assert said == ["A: goal L1:3.00,4.00 was not reached: failed: a chair"] * 2
 
 
 NAMES = [f"R{number}" for number in range(200)]

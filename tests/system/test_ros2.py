@@ -253,12 +253,25 @@ def drive_to_goals(ros: Ros, agent: RemoteAgent) -> None:
     """A new one replaces the one before."""
     eventually(lambda: ros.subscribers(topic="/A/goal_pose"), PATIENCE_S, "subscription")
 
-    def go(frame: str, x: float, y: float) -> None:
-        goal = {"header.frame_id": frame, "pose.position.x": x, "pose.position.y": y, "pose.orientation.w": 1.0}
+    def go(frame: str, x: float, y: float, up: float = 1.0) -> None:
+        goal = {"header.frame_id": frame, "pose.position.x": x, "pose.position.y": y, "pose.orientation.w": up}
         ros.publish(topic="/A/goal_pose", type="geometry_msgs/msg/PoseStamped", message=goal)
 
+    def wait_log(text: str) -> None:
+        def is_said() -> bool:
+            return any(text in message["msg"] for _, message in ros.messages(topic="/rosout", last=60))
+
+        eventually(is_said, PATIENCE_S, text)
+
+    ros.subscribe(topic="/rosout", type="rcl_interfaces/msg/Log")
+    go("map", 2.0, 2.0, up=0.0)
+    wait_log("the orientation (0, 0, 0, 0) is no rotation")
     go("map", 2.0, 2.0)
     eventually(lambda: agent.state().program.name == "goal_pose", PATIENCE_S, "drive")
+    agent.abort()
+    wait_log("goal L1:2.00,2.00 was not reached: aborted")
+    go("map", 2.0, 2.0)
+    eventually(lambda: not is_idle(agent), PATIENCE_S, "drive")
     go("floor/L1", 5.0, 4.0)
     eventually(
         lambda: (

@@ -8,12 +8,15 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from robocorba.errors.robots import RobotError
 from robocorba.map_editor.formats.grid import FREE, OCCUPIED, UNKNOWN, Canvas
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_view import RobotPlace
 
 NS_PER_S = 1_000_000_000
+#: How far a pose may be tilted that a base is to take [rad].
+MAX_TILT_RAD = 0.1
 
 #: A quaternion x, y, z, w.
 Quaternion = tuple[float, float, float, float]
@@ -46,7 +49,14 @@ def yaw(heading: float) -> Quaternion:
 
 
 def heading_of(x: float, y: float, z: float, w: float) -> float:
-    """The turn about the vertical axis [rad] of a quaternion, which need not have the length 1."""
+    """The turn about the vertical axis [rad] of a quaternion, which need not have the length 1. Raises RobotError for
+    one that is no rotation, or whose axis is not vertical."""
+    length = math.hypot(x, y, z, w)
+    if not 1e-6 < length < math.inf:
+        raise RobotError(f"the orientation ({x:g}, {y:g}, {z:g}, {w:g}) is no rotation")
+    tilt_rad = 2.0 * math.asin(min(1.0, math.hypot(x, y) / length))
+    if tilt_rad > MAX_TILT_RAD:
+        raise RobotError(f"the orientation is tilted by {math.degrees(tilt_rad):.0f} degrees; a base stands upright")
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
@@ -97,8 +107,9 @@ class Messages:
             twist=self._make("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=self._covariance),
         )
 
-    def scan(self, scan: RobotScan, frame: str) -> Any:
-        """A scan in the frame of its sensor. Rays without a hit are infinite, as in REP 117."""
+    def scan(self, scan: RobotScan, frame: str, period_s: float) -> Any:
+        """A scan in the frame of its sensor, `period_s` after the one before. Rays without a hit are infinite, as in
+        REP 117."""
         ranges = np.where(scan.hits, scan.rim_m + scan.distances, np.inf).astype(np.float32)
         return self._make(
             "sensor_msgs/msg/LaserScan",
@@ -107,7 +118,7 @@ class Messages:
             angle_max=scan.first_rad + scan.step_rad * (len(ranges) - 1),
             angle_increment=scan.step_rad,
             time_increment=0.0,
-            scan_time=0.0,
+            scan_time=period_s,
             range_min=scan.rim_m,
             range_max=scan.rim_m + scan.range_m,
             ranges=self._array(ranges),

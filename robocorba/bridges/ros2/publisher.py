@@ -36,7 +36,7 @@ from robocorba.simulation.system_changes import SystemChanges
 from robocorba.simulation.system_view import RobotPlace, SystemView
 from robocorba.system.plain_names import PlainNames
 
-#: Simulated time after which joints that don't move are published again [s].
+#: Simulated time after which joints of a robot that does not move are published again [s].
 JOINTS_S = 1.0
 #: Time by which a server that was killed may begin again earlier [s, simulated]; less is a floor that lags behind.
 BACKWARD_S = 1.0
@@ -68,7 +68,8 @@ class RosPublisher:
         self._joints: dict[str, Floats] = {}
         #: When the joints of each robot were published last, simulated [s].
         self._joints_at_s: dict[str, float] = {}
-        self._sensors: dict[str, list[tuple[object, ...]]] = {}
+        #: By robot, its sensors, each with its number and the simulated time of its last scan [s].
+        self._sensors: dict[str, dict[tuple[object, ...], tuple[int, float]]] = {}
         #: Transforms of `/tf_static`, by topic and child frame: its last message has to have them all.
         self._static: dict[str, dict[str, Any]] = {}
         #: The floors whose maps are published, and whether they have to be published again.
@@ -155,7 +156,8 @@ class RosPublisher:
             frames.append(self._messages.transform(time_s, MAP, odom, (0.0, 0.0, place.z)))
             at = (place.x, place.y, 0.0)
             frames.append(self._messages.transform(time_s, odom, base, at, yaw(place.heading)))
-            if not 0.0 <= time_s - self._joints_at_s.get(place.name, -JOINTS_S) < JOINTS_S:
+            is_recent = 0.0 <= time_s - self._joints_at_s.get(place.name, -JOINTS_S) < JOINTS_S
+            if any(place.velocity) or not is_recent:  # frames of one time, so that links are not behind the base
                 frames += self._publish_joints(place.name, robot, time_s)
         for topic, each in transforms.items():
             self._send(topic, "tf2_msgs/msg/TFMessage", self._messages.transforms(each))
@@ -181,26 +183,28 @@ class RosPublisher:
     def _publish_scan(self, scan: RobotScan) -> None:
         if scan.robot not in self._floor_of:
             return
-        robot, sensors = self.names[scan.robot], self._sensors.setdefault(scan.robot, [])
+        robot, sensors = self.names[scan.robot], self._sensors.setdefault(scan.robot, {})
         is_new = scan.sensor not in sensors
-        if is_new:
-            sensors.append(scan.sensor)
-        suffix = _suffix(sensors.index(scan.sensor))
+        number, before_s = sensors.get(scan.sensor, (len(sensors), scan.time))
+        sensors[scan.sensor] = number, scan.time
+        suffix = _suffix(number)
         frame = self._frames.of(robot, LASER + suffix)
         if is_new:
             x, y, heading = scan.mount
             base = self._frames.of(robot, BASE)
             self._add_static(self._frames.topic(robot, is_static=True), base, frame, (x, y, LASER_M[2]), heading)
-        message = self._messages.scan(scan, frame)
+        message = self._messages.scan(scan, frame, max(0.0, scan.time - before_s))
         self._topics.publish(f"/{robot}/scan{suffix}", "sensor_msgs/msg/LaserScan", message, scan.time)
 
     def _close(self, name: str) -> None:
         """A robot has left."""
         robot = self.names[name]
-        suffixes = [_suffix(number) for number in range(len(self._sensors.pop(name, [])))]
-        static = self._static.get(self._frames.topic(robot, is_static=True), {})
-        for suffix in suffixes:
-            static.pop(self._frames.of(robot, LASER + suffix), None)
+        suffixes = [_suffix(number) for number, _ in self._sensors.pop(name, {}).values()]
+        if suffixes:
+            topic = self._frames.topic(robot, is_static=True)
+            for suffix in suffixes:
+                self._static[topic].pop(self._frames.of(robot, LASER + suffix))
+            self._send_static(topic)
         for topic in ("odom", "joint_states", "robot_description", "floor", *(f"scan{suffix}" for suffix in suffixes)):
             self._topics.close(f"/{robot}/{topic}")
         for each in (self._floor_of, self._published_at_s, self._joints, self._joints_at_s):
@@ -209,9 +213,13 @@ class RosPublisher:
     # ---- messages ----
 
     def _add_static(self, topic: str, parent: str, child: str, at: tuple[float, float, float], heading: float) -> None:
-        transforms = self._static.setdefault(topic, {})
-        transforms[child] = self._messages.transform(self.time_s, parent, child, at, yaw(heading))
-        message = self._messages.transforms(list(transforms.values()))
+        transform = self._messages.transform(self.time_s, parent, child, at, yaw(heading))
+        self._static.setdefault(topic, {})[child] = transform
+        self._send_static(topic)
+
+    def _send_static(self, topic: str) -> None:
+        """What a later subscriber gets."""
+        message = self._messages.transforms([*self._static[topic].values()])
         self._send(topic, "tf2_msgs/msg/TFMessage", message, is_latched=True)
 
     def _send(self, topic: str, type: str, message: Any, is_latched: bool = False) -> None:

@@ -78,8 +78,8 @@ class RobotInterface:
 
     def _drive_to(self, message: Any) -> None:
         at, turn = message.pose.position, message.pose.orientation
-        heading = heading_of(turn.x, turn.y, turn.z, turn.w)
         try:
+            heading = heading_of(turn.x, turn.y, turn.z, turn.w)
             self._orders.drive_to(self._goal(message.header.frame_id, at.x, at.y, heading))
         except RoboCorbaError as error:
             self._node.warn(f"{self._orders.name}: goal_pose: {error}")

@@ -79,8 +79,7 @@ class RobotInterfaces:
                 statuses.append(lost_status(self._messages, name, "no control agent is bound"))
                 continue
             try:
-                state, shown = orders.order(lambda agent: (agent.state(), agent.display()))
-                statuses.append(robot_status(self._messages, state, shown))
+                statuses.append(robot_status(self._messages, *orders.look()))
             except RoboCorbaError as error:
                 statuses.append(lost_status(self._messages, name, str(error)))
         message = self._messages.statuses(self._publisher.time_s, statuses)

@@ -10,8 +10,9 @@ from typing import TypeVar
 from robocorba.errors.robots import IllegalOrder, InvalidProgram, MotionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.pose import Pose
-from robocorba.robot.agent_state import TELEOPERATION, AgentCondition, ProgramResult
+from robocorba.robot.agent_state import TELEOPERATION, AgentCondition, AgentState, ProgramResult
 from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.display import Display
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
@@ -33,6 +34,8 @@ class RobotOrders:
         self._agent: RemoteAgent | None = None
         #: The last program that was loaded and was no goal; empty if none is known.
         self._program = ""
+        #: The goal to which the robot was sent last, until it is known what became of it.
+        self._driven: Pose | None = None
         self._problems: dict[str, tuple[str, float]] = {}
         self._velocities = LastOrder(f"{name} velocity", self._drive, lambda why: self._note("velocity", why))
         self._goals = LastOrder(f"{name} goal", self._drive_to, lambda why: self._note("goal", why))
@@ -62,6 +65,18 @@ class RobotOrders:
         self.order(self._load_again)
         self.order(lambda agent: agent.run())
 
+    def look(self) -> tuple[AgentState, Display]:
+        """The robot's state and display; reports a goal that was not reached. Raises NotReachable."""
+        driven = self._driven
+        state, display = self.order(lambda agent: (agent.state(), agent.display()))
+        result = state.program.result if state.program.name == GOAL else ProgramResult.DONE
+        if driven and driven is self._driven and result is not ProgramResult.NO_RESULT:
+            self._driven = None
+            if result is not ProgramResult.DONE:
+                at = f"{driven.floor}:{driven.x:.2f},{driven.y:.2f}"
+                self._warn(f"{self.name}: goal {at} was not reached: {result.name.lower()}: {state.program.reason}")
+        return state, display
+
     def order(self, order: Callable[[RemoteAgent], Answer]) -> Answer:
         """Call the agent, which may be a new process by now. Raises what it raises, and NotReachable."""
         with self._lock:
@@ -83,10 +98,12 @@ class RobotOrders:
 
     def _drive_to(self, goal: Pose) -> None:
         drive = ProgramBuilder(GOAL).mbase_path(goal.floor, goal.x, goal.y, goal.heading).program()
+        self._driven = None
         self.order(_end_drive)
         self.order(self._remember)
         self.order(lambda agent: agent.load(program.dumps(drive)))
         self.order(lambda agent: agent.run())
+        self._driven = goal
 
     def _remember(self, agent: RemoteAgent) -> None:
         """Keep the program whose place a goal takes."""

@@ -54,6 +54,20 @@ def test_headings_of_quaternions_of_any_length(heading: float) -> None:
         assert heading_of(*(length * part for part in yaw(heading))) == pytest.approx(heading)
 
 
+@pytest.mark.parametrize(
+    ("quaternion", "why"),
+    [
+        ((0.0, 0.0, 0.0, 0.0), "no rotation"),
+        ((math.nan, 0.0, 0.0, 1.0), "no rotation"),
+        ((1.0, 0.0, 0.0, 1.0), "tilted by 90 degrees"),
+        ((1.0, 0.0, 0.0, 0.0), "tilted by 180 degrees"),
+    ],
+)
+def test_what_is_no_heading(quaternion: tuple[float, float, float, float], why: str) -> None:
+    with pytest.raises(RobotError, match=why):
+        heading_of(*quaternion)
+
+
 # ---- diagnostics: what its touch panel shows ----
 
 
@@ -114,6 +128,15 @@ def test_robots_have_the_times_of_their_floors() -> None:
     assert [seconds(message.clock) for message in topics.sent["/clock"]] == pytest.approx([1.0, 1.05, 1.1])
     again = published(*([update("L1", 1, time_s, came="A")._replace(since=0)] for time_s in (100.0, 50.0)))
     assert [time_s for time_s, _ in again.odometry("A")] == [100.0, 50.0], "a server that begins again earlier"
+
+
+def test_links_move_with_the_base() -> None:
+    standing = update("L1", 1, 1.0, came="A")
+    driving = update("L1", 2, 1.05)._replace(motions=standing.motions.copy())
+    driving.motions["vx"] = 0.5
+    stopped = update("L1", 4, 1.15)._replace(motions=standing.motions)
+    topics = published([standing], [driving], [update("L1", 3, 1.1)], [stopped])
+    assert topics.transforms("A/trunk") == topics.transforms("A/base_link")[:-1] == [1.0, 1.05, 1.1]
 
 
 def test_a_robot_that_comes_to_a_floor_that_lags_behind_waits_for_it() -> None:
