@@ -119,13 +119,15 @@ class SystemInFoxglove:
 
     def _steer(self, server: LiveServer, administrator: RemoteAdministrator) -> None:
         for request in server.requests():
-            if request.is_paused:
-                administrator.pause()
-            else:
-                if request.pace > 0.0:
-                    administrator.set_pace(request.pace)
-                administrator.resume()
-            self._report_playback(server, request.id)
+            try:
+                if request.is_paused:
+                    administrator.pause()
+                else:
+                    if request.pace > 0.0:
+                        administrator.set_pace(request.pace)
+                    administrator.resume()
+            finally:  # as it is, where that was refused
+                self._report_playback(server, request.id)
         if time.monotonic() >= self._state_at_s:
             self._state_at_s = time.monotonic() + 0.5
             self._report_playback(server)

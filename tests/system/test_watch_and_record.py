@@ -237,6 +237,8 @@ def test_it_is_live_in_foxglove(robocorba: Robocorba, system: Running, system_or
         for speed, request, is_paused in ((1.0, "stop", True), (0.5, "slow", False), (1.0, "on", False)):
             client.play(speed, request, pause=is_paused)
             client.until(lambda said=(is_paused, speed, request): client.playback and client.playback[-1] == said)
+        client.play(1e9, "too fast")
+        client.until(lambda: client.playback[-1] == (False, 1.0, "too fast"))
     with client_module.FoxgloveClient(url) as client:  # a later one sees the whole scene, too
         client.until(lambda: "/scene" in client.messages)
         assert b"floor/L1" in client.messages["/scene"][0][1] + client.messages["/scene"][-1][1]

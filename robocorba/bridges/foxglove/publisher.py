@@ -72,6 +72,8 @@ from robocorba.simulation.system_changes import SystemChanges
 
 #: Simulated time between two messages on `/robots` [s].
 ROBOTS_S = 1.0
+#: Time by which a server that was killed may begin again earlier [s, simulated]; less is a floor that lags behind.
+BACKWARD_S = 1.0
 
 
 class FoxglovePublisher:
@@ -131,6 +133,8 @@ class FoxglovePublisher:
         for view, body in self._bodies():
             entities += self._entities(body)
             transforms += [self._base(view, body), *self._links(body)]
+            if body.kind is BodyKind.ROBOT:
+                self._publish_pose(view, body)
         for name, state in self._elevators.items():
             if elevator := self._building.elevators.get(name):
                 entities.append(elevator_entity(elevator, state.doors is Doors.OPEN, self.time_s))
@@ -185,7 +189,8 @@ class FoxglovePublisher:
         except UpdateMismatch:
             del self._views[update.floor]
             raise
-        self.time_s = update.time
+        if not 0.0 <= self.time_s - update.time < BACKWARD_S:
+            self.time_s = update.time
         if update.since == WHOLE:  # an elevator may be gone, or have another name
             present = {name for each in self._views.values() for name in each.elevators}
             self._elevators = {name: state for name, state in self._elevators.items() if name in present}
@@ -197,7 +202,7 @@ class FoxglovePublisher:
             body = view.bodies[number]
             if self._floor_of.get(frame_of(body)) == view.floor:
                 transforms.append(self._base(view, body))
-                if body.kind is BodyKind.ROBOT:
+                if body.kind is BodyKind.ROBOT and not self._is_whole:
                     self._publish_pose(view, body)
         for body in came:
             transforms += self._links(body)
@@ -276,7 +281,7 @@ class FoxglovePublisher:
             self._postures[robot] = posture
             joints = [JointState(name=name, position=angle) for name, angle in zip(JOINTS, posture.joints, strict=True)]
             message = JointStates(timestamp=timestamp(posture.time), joints=joints)
-            self._channel(robot, "joint_states", JointStatesChannel).log(message, log_time=nanoseconds(posture.time))
+            self._channel(robot, "joint_states", JointStatesChannel).log(message, log_time=nanoseconds(self.time_s))
             transforms += self._link_transforms(robot, posture.joints)
         self._publish((), (), transforms)
 
@@ -298,7 +303,7 @@ class FoxglovePublisher:
                 sensors.append(scan.sensor)
             number = sensors.index(scan.sensor) + 1
             topic = f"scan_{number}" if number > 1 else "scan"
-            self._channel(scan.robot, topic, LaserScanChannel).log(message, log_time=nanoseconds(scan.time))
+            self._channel(scan.robot, topic, LaserScanChannel).log(message, log_time=nanoseconds(self.time_s))
 
     def _channel(self, robot: str, topic: str, kind: Any) -> Any:
         """The channel of a robot's topic, of this kind."""
