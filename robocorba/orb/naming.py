@@ -158,6 +158,16 @@ class NamingService:
             context.unbind(own)
             context.rebind(own, reference)
 
+    def is_gone(self, reference: Any) -> bool:
+        """Whether an object does not exist any more, or its server does not run."""
+        try:
+            set_call_timeout(reference, PROBE_TIMEOUT_S)
+            return bool(reference._non_existent())
+        except CORBA.TIMEOUT:  # it hangs
+            return False
+        except CORBA.SystemException:
+            return True
+
     def address_bound(self, reference: Any) -> str:
         """The address of a reference's server, for display."""
         return address_of(self._uri(reference)) or "an unknown address"
@@ -256,10 +266,11 @@ class BoundNames:
     """Binds the names of a process in the background until `close`, again after a naming service has lost them or
     another process has bound them.
 
-    check_interval_s: interval between checks [s]. With the calls of a check, a stolen name is taken back within 2 s."""
+    check_interval_s: interval between checks [s]. With the calls of a check, a stolen name is taken back within 2 s.
+    yields: whether a name stays with another process as long as what that has bound is there."""
 
-    def __init__(self, names: NamingService, check_interval_s: float = 1.0) -> None:
-        self._names = names
+    def __init__(self, names: NamingService, check_interval_s: float = 1.0, yields: bool = False) -> None:
+        self._names, self._yields = names, yields
         self._served: dict[str, Any] = {}
         self._owns_names: Callable[[], bool] = lambda: True
         self._bound: set[str] = set()
@@ -309,7 +320,9 @@ class BoundNames:
         if self._served.get(name) is not reference:
             return  # withdrawn
         try:
-            found = self._names.bound(name) if name in self._bound else None
+            found = self._names.bound(name) if self._yields or name in self._bound else None
+            if self._yields and found is not None and self._names.is_gone(found):
+                found = None
         except CORBA.MARSHAL:  # a reference that can't be read
             if self._owns_names():
                 self._names.take_back(name, reference)
@@ -321,17 +334,21 @@ class BoundNames:
                 self._names.unbind(name, reference)
                 return
             self._note_bound(name)
-        elif not found._is_equivalent(reference) and self._owns_names():
+        elif found._is_equivalent(reference):
+            self._bound.add(name)
+        elif self._yields:
+            self._note_theft(self._names.path(name), self._names.address_bound(found), "left the name %s to another")
+        elif self._owns_names():
             self._names.take_back(name, reference)
             self._note_theft(self._names.path(name), self._names.address_bound(found))
 
-    def _note_theft(self, path: str, other: str) -> None:
-        """Log who had bound a name, at most once in LOG_INTERVAL_S."""
+    def _note_theft(self, path: str, other: str, what: str = "took back the name %s") -> None:
+        """Log who has or had bound a name, at most once in LOG_INTERVAL_S."""
         count, logged_at = self._thefts.get(path, (0, -math.inf))
         now = time.monotonic()
         if now - logged_at >= LOG_INTERVAL_S:
             more = f"; {count} times more in the last minute" if count else ""
-            _log.warning("took back the name %s: an object at %s was bound to it%s", path, other, more)
+            _log.warning(f"{what}: an object at %s was bound to it%s", path, other, more)
             count, logged_at = -1, now
         self._thefts[path] = count + 1, logged_at
 

@@ -455,8 +455,8 @@ class Orb:
 
     def names_elsewhere(self, naming: Address) -> BoundNames:
         """Names, which may have kinds, that are kept bound in the root of another naming service, or in the root of
-        the system's, until they are closed; none at first."""
-        names = BoundNames(NamingService(self._connect, naming, "", self.uri))
+        the system's, until they are closed; none at first. Names that others have stay with them."""
+        names = BoundNames(NamingService(self._connect, naming, "", self.uri), yields=True)
         names.start({})
         return names
 
