@@ -51,6 +51,8 @@ OPEN_RAD, SHUT_RAD = math.radians(-58), math.radians(8)
 #: Limits of the joints' speed [rad/s] and acceleration [rad/s^2] (18,), assumed.
 JOINT_SPEED: Floats = np.radians([*[90.0] * 14, *[30.0] * 2, *[120.0] * 2])
 JOINT_ACCELERATION: Floats = np.radians([*[180.0] * 14, *[60.0] * 2, *[480.0] * 2])
+#: Limits of their torque [Nm] (18,), assumed: they accelerate so in any posture, against 1.25 times the robot's weight.
+JOINT_EFFORT: Floats = np.array([*(2 * [60.0, 60.0, 25.0, 25.0, 8.0, 8.0, 8.0]), 300.0, 300.0, 5.0, 5.0])
 
 #: Radius of the circle around the base [m], mass [kg] and height [m].
 RADIUS_M, MASS_KG, HEIGHT_M = SMARTPAL_RADIUS_M, 127.0, 1.325

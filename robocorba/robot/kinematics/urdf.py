@@ -18,7 +18,7 @@ from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.appearance import PAINTS, Part, Shape, Vector, parts
 from robocorba.robot.kinematics.model import Link, LinkJoint, Solid, links
 from robocorba.robot.kinematics.pose import HandPose
-from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_SPEED
+from robocorba.robot.kinematics.smartpal import JOINT_EFFORT, JOINT_SPEED
 
 #: Mass of a link between two joints of a link of the model [kg]; taken off its mass.
 _JOINT_MASS_KG = 0.01
@@ -75,8 +75,7 @@ def _revolute(of: LinkJoint, parent: str, child: str, at: Iterable[float]) -> El
     joint = _fixed(of.name, parent, child, at)
     joint.set("type", "revolute")
     SubElement(joint, "axis", xyz=_numbers(of.axis))
-    effort = 5.0 * float(JOINT_ACCELERATION[of.number])  # URDF demands one: for an assumed inertia of 5 kg m^2
-    speed = float(JOINT_SPEED[of.number])
+    effort, speed = float(JOINT_EFFORT[of.number]), float(JOINT_SPEED[of.number])
     limits = {"lower": of.lower, "upper": of.upper, "effort": effort, "velocity": speed}
     SubElement(joint, "limit", {name: _number(value) for name, value in limits.items()})
     return joint

@@ -15,7 +15,7 @@ from robocorba.commands import command
 from robocorba.robot.kinematics.appearance import PAINTS
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.mujoco_headless import specification
-from robocorba.robot.kinematics.smartpal import JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
+from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
 from robocorba.robot.kinematics.urdf import urdf
 
 from .postures import anywhere, links_by_urdf
@@ -79,6 +79,18 @@ def test_links_collide_as_those_of_mujoco(body: SmartPalBody, model: mujoco.MjMo
         assert set(body.collisions(joints)) == deep
         counts.append(len(deep))
     assert sum(map(bool, counts)) > 100
+
+
+def test_its_joints_are_strong_enough(of_urdf: mujoco.MjModel) -> None:
+    """For their acceleration against more than the robot's weight, as the file says it."""
+    data, inertia = mujoco.MjData(of_urdf), np.zeros((of_urdf.nv, of_urdf.nv))
+    acceleration = [JOINT_ACCELERATION[JOINTS.index(of_urdf.joint(row).name)] for row in range(of_urdf.njnt)]
+    for joints in anywhere(500, 8):
+        data.qpos = [joints[JOINTS.index(of_urdf.joint(row).name)] for row in range(of_urdf.njnt)]
+        mujoco.mj_forward(of_urdf, data)
+        mujoco.mj_fullM(of_urdf, data, inertia)
+        needed = 1.25 * np.abs(data.qfrc_bias) + inertia.diagonal() * acceleration
+        assert (needed <= of_urdf.jnt_actfrcrange[:, 1]).all()
 
 
 @pytest.mark.parametrize("base", [(3.0, -2.0, 2.5), (-1.0, 4.0, -math.pi)])
