@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -56,4 +57,13 @@ def only_for(purpose: str, applies: object, context: typer.Context, *parameters:
 def connected(command: str, naming: str | None, options: Mapping[str, str] | None = None) -> Iterator[Orb]:
     """This command's ORB; errors are reported as by `reporting`."""
     with reporting(command), Orb(Settings.read(naming=naming).naming, options=options) as orb:
-        yield orb
+        try:
+            yield orb
+        except NotReachable as error:
+            try:
+                orb.check_naming()
+            except NotReachable:
+                of = "that of ROBOCORBA_NAMING" if os.environ.get("ROBOCORBA_NAMING") else "the default"
+                of = "that of --naming" if naming else of
+                raise NotReachable(f"{error}; is `robocorba up` running? The address is {of}") from None
+            raise
