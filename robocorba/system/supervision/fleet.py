@@ -6,7 +6,6 @@ import asyncio
 import contextlib
 import signal
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -16,7 +15,7 @@ from robocorba.simulation.corba.registered_robots import RegisteredRobots
 from robocorba.system.processes import RobotOrder
 from robocorba.system.settings import Address
 from robocorba.system.supervision.process import GRACE_PERIOD_S, ProcessSpec, Supervised
-from robocorba.system.supervision.robots import STARTING, ProgressLines, Robots, robot_spec
+from robocorba.system.supervision.robots import ProgressLines, Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
 
 
@@ -44,18 +43,10 @@ class View(Protocol):
         """All robots end; `running` of them still run."""
 
 
-@dataclass(frozen=True)
-class FleetOptions:
-    """starting: maximum number of robots that start at a time. restarts: whether robots that end are started again.
-    start_limit_s: timeout for a robot to be ready [s]."""
-
-    starting: int = STARTING
-    restarts: bool = False
-    start_limit_s: float = 180.0
-
-
 class Fleet:
-    """orders: the robots. state: the state folder, naming: the naming service of all of them."""
+    """orders: the robots. state: the state folder, naming: the naming service of all of them. starting: maximum number
+    of robots that start at a time. restarts: whether robots that end are started again. start_limit_s: timeout for a
+    robot to be ready [s]."""
 
     def __init__(
         self,
@@ -63,9 +54,12 @@ class Fleet:
         state: Path,
         naming: Address,
         view: View,
-        options: FleetOptions,
+        starting: int,
+        restarts: bool,
+        start_limit_s: float,
     ) -> None:
-        self._orders, self._state, self._naming, self._view, self._options = orders, state, naming, view, options
+        self._orders, self._state, self._naming, self._view = orders, state, naming, view
+        self._starting, self._restarts, self._start_limit_s = starting, restarts, start_limit_s
         self._processes: dict[str, Supervised] = {}
         self._lines: dict[str, ProgressLines] = {}
         self._floors: Mapping[str, str] = {}
@@ -80,8 +74,8 @@ class Fleet:
         stop, self._changed = asyncio.Event(), asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        starter, options = Starter(), self._options
-        robots = Robots(self._spec, starter, self._changed.set, options.starting, options.restarts)
+        starter = Starter()
+        robots = Robots(self._spec, starter, self._changed.set, self._starting, self._restarts)
         tasks: list[asyncio.Task[object]] = []
         try:
             for order in self._orders:
@@ -132,8 +126,7 @@ class Fleet:
     def _spec(self, order: RobotOrder) -> ProcessSpec:
         lines = self._lines[order.name] = ProgressLines(order.process, self._changed.set)
         grace_period_s = GRACE_PERIOD_S + 0.2 * len(self._orders)  # they log off all together
-        start_limit_s = self._options.start_limit_s
-        return robot_spec(order, self._state, self._naming, start_limit_s, lines, grace_period_s)
+        return robot_spec(order, self._state, self._naming, self._start_limit_s, lines, grace_period_s)
 
     def rows(self) -> list[Row]:
         """The robots in their order."""
