@@ -87,7 +87,8 @@ def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) 
 def _docstring(module: str, function: str) -> str | None:
     """The docstring of a function, from the source of its module."""
     tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
-    return next(ast.get_docstring(node) for node in tree.body if getattr(node, "name", "") == function)
+    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef))
+    return next(ast.get_docstring(node) for node in functions if node.name == function)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
-from robocorba.simulation.corba.registered_robots import RegisteredRobots
+from robocorba.simulation.corba.registered_robots import floors_of_robots
 from robocorba.system.processes import RobotOrder
 from robocorba.system.settings import Address
 from robocorba.system.supervision.process import GRACE_PERIOD_S, ProcessSpec, Supervised
@@ -68,9 +68,9 @@ class Fleet:
 
     def run(self, orb: Orb) -> bool:
         """Run until a signal, or until all robots have ended. Returns whether all robots ran until the signal."""
-        return asyncio.run(self._run(RegisteredRobots(orb)))
+        return asyncio.run(self._run(floors_of_robots(orb)))
 
-    async def _run(self, registered: RegisteredRobots) -> bool:
+    async def _run(self, read_floors: Callable[[], Mapping[str, str]]) -> bool:
         stop, self._changed = asyncio.Event(), asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
@@ -81,7 +81,7 @@ class Fleet:
             for order in self._orders:
                 self._processes[order.name] = robots.start(order)
             tasks = [asyncio.create_task(self._follow()), asyncio.create_task(stop.wait())]
-            tasks.append(asyncio.create_task(self._watch_floors(registered)))
+            tasks.append(asyncio.create_task(self._watch_floors(read_floors)))
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
@@ -114,10 +114,10 @@ class Fleet:
             await asyncio.sleep(0.25)  # between two views at least
             await self._changed.wait()
 
-    async def _watch_floors(self, registered: RegisteredRobots) -> None:
+    async def _watch_floors(self, read_floors: Callable[[], Mapping[str, str]]) -> None:
         while True:
             with contextlib.suppress(NotReachable):  # the last ones stay
-                floors = await asyncio.to_thread(registered.floors)
+                floors = await asyncio.to_thread(read_floors)
                 if floors != self._floors:
                     self._floors = floors
                     self._changed.set()
