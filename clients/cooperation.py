@@ -102,7 +102,15 @@ class Cooperation:
                     return pose_in_robot_frame((item.x, item.y, item.heading), (own.x, own.y, own.heading))
             return None
 
-        succession = Succession(self._name, self._records, self._leaders.leads, _Successor(agent, self))
+        def can_lead(mission: str) -> bool:
+            return agent.is_free or self.is_holding_for(mission)
+
+        def lead(mission: str, icon: dict[str, Any], term: int) -> None:
+            program = of_icon(msgspec.json.encode(icon).decode())
+            goes_on = self.is_holding_for(mission)
+            self.claim(mission, term, lambda: agent.take_over(mission, program, goes_on))
+
+        succession = Succession(self._name, self._records, self._leaders.leads, can_lead, lead)
         self._closing.callback(succession.close)
         transport = Transport(channel, self._name)
         self._missions = missions = MissionAgent(
@@ -292,19 +300,3 @@ def _policy(icon: Icon) -> LeaderPolicy:
     """The leader's policy with the user's limit."""
     limit_s: float | None = getattr(icon, "recovery_timeout", None)
     return DEFAULT_POLICY if limit_s is None else replace(DEFAULT_POLICY, recovery_timeout_s=limit_s)
-
-
-class _Successor:
-    """The robot of an agent as a successor of leaders; see Succession."""
-
-    def __init__(self, agent: ControlAgent, cooperation: Cooperation) -> None:
-        self._agent, self._cooperation = agent, cooperation
-
-    def can_lead(self, mission: str) -> bool:
-        return self._agent.is_free or self._cooperation.is_holding_for(mission)
-
-    def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
-        """Raises RobotError."""
-        program = of_icon(msgspec.json.encode(icon).decode())
-        goes_on = self._cooperation.is_holding_for(mission)
-        self._cooperation.claim(mission, term, lambda: self._agent.take_over(mission, program, goes_on))

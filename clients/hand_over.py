@@ -72,8 +72,8 @@ FPS = 10
 def programs() -> dict[str, Program]:
     """The programs of giver and taker, for the poses of the sheet's ends."""
     distance_m = math.dist(MEETING_POSES[GIVER][:2], MEETING_POSES[TAKER][:2])
-    ends = tasks.hand_over(distance_m, SHEET_HEIGHT_M, SHEET_LEFT_M)
-    return {GIVER: giving(ends.giver), TAKER: taking(ends.taker)}
+    giver, taker = tasks.hand_over(distance_m, SHEET_HEIGHT_M, SHEET_LEFT_M)
+    return {GIVER: giving(giver), TAKER: taking(taker)}
 
 
 def giving(end: HandPose) -> Program:

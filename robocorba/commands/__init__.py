@@ -4,11 +4,13 @@ It may import every room. Read first: this file, options (those that several com
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import os
 import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
+from pathlib import Path
 
 import typer
 
@@ -17,8 +19,8 @@ from robocorba.system.printing import echo
 
 #: Its name, as help and errors show it.
 NAME = "robocorba"
-#: Module and attribute of each subcommand; an `app` has further subcommands.
-SUBCOMMANDS = {
+#: Module and attribute of each subcommand; an `app` has further subcommands, and its help is here.
+SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "up": ("up", "up"),
     "status": ("status", "status"),
     "backup": ("backup", "backup"),
@@ -32,17 +34,17 @@ SUBCOMMANDS = {
     "foxglove": ("foxglove", "foxglove"),
     "ros2": ("ros2", "ros2"),
     "openrtm": ("openrtm", "openrtm"),
-    "access": ("access", "app"),
+    "access": ("access", "app", "Files that give rights to a guarded system."),
     "robot": ("robot", "robot"),
     "robots": ("robots", "robots"),
-    "robot-model": ("robot_model", "app"),
+    "robot-model": ("robot_model", "app", "Export the robot's model for other programs."),
     "stop": ("robot", "stop"),
     "switch": ("robot", "switch"),
-    "simulation": ("simulation", "app"),
-    "map": ("map", "app"),
-    "program": ("program_upload", "app"),
-    "mission": ("mission", "app"),
-    "events": ("events", "app"),
+    "simulation": ("simulation", "app", "Set limit and pace of the simulation, and log robots off."),
+    "map": ("map", "app", "Read, write, check and show map files."),
+    "program": ("program_upload", "app", "Programs of robots: lists of icons."),
+    "mission": ("mission", "app", "Missions of several robots."),
+    "events": ("events", "app", "Inspect event channels, print their events, publish events."),
 }
 #: Commands whose arguments all go to another process.
 FORWARDING = ("robot", "console")
@@ -55,8 +57,9 @@ _PASS_THROUGH = {
 }
 
 
-def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
-    """The command with these subcommands; loads their modules."""
+def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) -> typer.Typer:
+    """The command with these subcommands; loads their modules. only_for_help: loads none of them, which takes most of
+    the time; `--help` lists them, and they do nothing."""
     app = typer.Typer(
         help="A CORBA-based cooperative mobile robot system.",
         no_args_is_help=True,
@@ -64,12 +67,14 @@ def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
         pretty_exceptions_enable=False,
     )
     for name in names:
-        module, attribute = SUBCOMMANDS[name]
-        found = getattr(import_module(f"robocorba.commands.{module}"), attribute)
+        module, attribute, *text = SUBCOMMANDS[name]
+        found = None if only_for_help else getattr(import_module(f"robocorba.commands.{module}"), attribute)
         if attribute == "app":
-            app.add_typer(found, name=name)
+            app.add_typer(found or typer.Typer(), name=name, help=text[0])
         else:
-            app.command(name, context_settings=_PASS_THROUGH if name in FORWARDING else None)(found)
+            settings = _PASS_THROUGH if name in FORWARDING else None
+            shown = _docstring(module, attribute) if only_for_help else None
+            app.command(name, help=shown, context_settings=settings)(found or (lambda: None))
 
     @app.command()
     def version() -> None:
@@ -79,13 +84,21 @@ def command(names: Iterable[str] = SUBCOMMANDS) -> typer.Typer:
     return app
 
 
+def _docstring(module: str, function: str) -> str | None:
+    """The docstring of a function, from the source of its module."""
+    tree = ast.parse(Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8"))
+    functions = (node for node in tree.body if isinstance(node, ast.FunctionDef))
+    return next(ast.get_docstring(node) for node in functions if node.name == function)
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the command. Never returns. arguments: those of the process by default."""
     arguments = sys.argv[1:] if arguments is None else arguments
     name = arguments[0] if arguments else ""
     code = 0
     try:
-        command([name] if name in SUBCOMMANDS else SUBCOMMANDS)(arguments, NAME)
+        is_help = list(arguments) in ([], ["--help"], ["version"])
+        command([name] if name in SUBCOMMANDS else SUBCOMMANDS, only_for_help=is_help)(arguments, NAME)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     # Skip the interpreter's finalisation: ORB threads that end during it would abort the process.

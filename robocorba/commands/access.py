@@ -14,7 +14,7 @@ from robocorba.system.printing import line
 from robocorba.system.roles import Role
 from robocorba.system.settings import Settings, role_file
 
-app = typer.Typer(help="Files that give rights to a guarded system.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.callback()

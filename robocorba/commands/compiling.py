@@ -24,7 +24,7 @@ def compile_with_progress(logs: Path) -> None:
         return
     console = Console(stderr=True)
     if not console.is_terminal:
-        compile_kernels(Lines(lambda line: console.print(line, soft_wrap=True)).report, logs)
+        compile_kernels(lines(lambda line: console.print(line, soft_wrap=True)), logs)
         return
     columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[text]}")
     with ProgressBar(*columns, console=console, transient=True) as bar:
@@ -32,14 +32,14 @@ def compile_with_progress(logs: Path) -> None:
         compile_kernels(lambda progress: bar.update(task, completed=progress.share, text=str(progress)), logs)
 
 
-class Lines:
+def lines(write: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> Callable[[Progress], None]:
     """Writes a line at once, and then at intervals."""
+    next_at = -float("inf")
 
-    def __init__(self, write: Callable[[str], None], clock: Callable[[], float] = time.monotonic) -> None:
-        self._write, self._clock = write, clock
-        self._next_at = -float("inf")
+    def report(progress: Progress) -> None:
+        nonlocal next_at
+        if clock() >= next_at:
+            next_at = clock() + LINE_INTERVAL_S
+            write(f"{TITLE}: {progress}")
 
-    def report(self, progress: Progress) -> None:
-        if self._clock() >= self._next_at:
-            self._next_at = self._clock() + LINE_INTERVAL_S
-            self._write(f"{TITLE}: {progress}")
+    return report

@@ -38,7 +38,7 @@ MAX_WAITING, MAX_QUEUED = 1000, 100_000
 #: How much of a payload is shown: characters, bytes, levels of nesting.
 MAX_CHARACTERS, MAX_BYTES, MAX_LEVELS = 300, 16, 20
 
-app = typer.Typer(help="Inspect event channels, print their events, publish events.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 peer_app = typer.Typer(help="Link channels, and remove links.", no_args_is_help=True)
 app.add_typer(peer_app, name="peer")
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from robocorba.map_editor.edits import Finding
     from robocorba.map_editor.model import Building
 
-app = typer.Typer(help="Read, write, check and show map files.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 _FILE = typer.Argument(
     metavar="FILE",

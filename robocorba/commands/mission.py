@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 #: Interval between queries of the leader [s].
 POLL_INTERVAL_S = 0.2
 
-app = typer.Typer(help="Missions of several robots.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 start_app = typer.Typer(help="Start a mission.", no_args_is_help=True)
 app.add_typer(start_app, name="start")
 LeaderName = Annotated[

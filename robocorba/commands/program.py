@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from robocorba.robot.programs.icons import Icon
     from robocorba.robot.programs.program import Program
 
-app = typer.Typer(help="Programs of robots: lists of icons.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 _FILE = typer.Argument(metavar="FILE", help="A program, or - for the standard input.")
 

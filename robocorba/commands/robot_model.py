@@ -12,7 +12,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.system.output_files import write_outputs
 from robocorba.system.printing import echo
 
-app = typer.Typer(help="Export the robot's model for other programs.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.callback()

@@ -52,7 +52,7 @@ def robots(
     A robot that ends is shown with the reason; the others go on. Exit code 0 if all ran to the end, else 1."""
     from robocorba.commands.compiling import compile_with_progress
     from robocorba.commands.fleet_view import view_for
-    from robocorba.system.supervision.fleet import Fleet, FleetOptions
+    from robocorba.system.supervision.fleet import Fleet
 
     given = {"floor": floor, "channel": channel, "program": program and str(program), "adaptor": adaptor}
     given["perceive"] = perceive
@@ -72,8 +72,8 @@ def robots(
         with Orb(settings.naming) as orb:
             orders = orders_in(*_places(orb))
             with view_for(console) as view:
-                chosen = FleetOptions(starting, restart, start_limit)
-                is_fine = Fleet(orders, settings.state, settings.naming, view, chosen).run(orb)
+                running = Fleet(orders, settings.state, settings.naming, view, starting, restart, start_limit)
+                is_fine = running.run(orb)
     if not is_fine:
         raise typer.Exit(1)
 

@@ -79,7 +79,7 @@ def ros2(
             interfaces.update(places)
             node.start()
             echo(f"ROS domain {node.domain}: {', '.join(sorted(places)) or 'no robots yet'}")
-            SystemInRos(system, served, node, publisher, interfaces, lasers).serve(stop)
+            _serve(stop, system, served, node, publisher, interfaces, lasers)
 
 
 def _node(domain: int | None) -> RosNode:
@@ -93,39 +93,29 @@ def _node(domain: int | None) -> RosNode:
     return RosNode(domain)
 
 
-class SystemInRos:
-    """Publishes the running system in ROS, and gives robots orders from there."""
-
-    def __init__(
-        self,
-        system: LiveSystem,
-        served: ServedMap,
-        node: RosNode,
-        publisher: RosPublisher,
-        interfaces: RobotInterfaces,
-        lasers: ContinuousScans | None,
-    ) -> None:
-        self._system, self._served, self._node = system, served, node
-        self._publisher, self._interfaces, self._lasers = publisher, interfaces, lasers
-
-    def serve(self, stop: StopSignal) -> None:
-        """Until stopped; warns while the system does not answer."""
-        for _ in stop.ticks(LOOK_S):
-            try:
-                self._look()
-                found = ""
-            except RoboCorbaError as error:
-                found = str(error)
-            if found != self._interfaces.problem:
-                self._interfaces.problem = found
-                self._node.warn(found) if found else self._node.info("the system answers again")
-
-    def _look(self) -> None:
-        changes = self._system.follow(RETRY_TIMEOUT_S)
-        if self._lasers:
-            self._lasers.note(changes.scans)
-            changes.scans.extend(self._lasers.take())
-        self._publisher.publish(changes)
-        self._interfaces.update(self._publisher.places[1])
-        if building := self._served.after(changes):
-            self._publisher.set_building(building)
+def _serve(
+    stop: StopSignal,
+    system: LiveSystem,
+    served: ServedMap,
+    node: RosNode,
+    publisher: RosPublisher,
+    interfaces: RobotInterfaces,
+    lasers: ContinuousScans | None,
+) -> None:
+    """Publish the system in ROS, and give robots orders from there, until stopped; warn while it does not answer."""
+    for _ in stop.ticks(LOOK_S):
+        try:
+            changes = system.follow(RETRY_TIMEOUT_S)
+            if lasers:
+                lasers.note(changes.scans)
+                changes.scans.extend(lasers.take())
+            publisher.publish(changes)
+            interfaces.update(publisher.places[1])
+            if building := served.after(changes):
+                publisher.set_building(building)
+            found = ""
+        except RoboCorbaError as error:
+            found = str(error)
+        if found != interfaces.problem:
+            interfaces.problem = found
+            node.warn(found) if found else node.info("the system answers again")

@@ -16,7 +16,7 @@ from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.system.printing import line
 from robocorba.system.settings import Settings
 
-app = typer.Typer(help="Set limit and pace of the simulation, and log robots off.", no_args_is_help=True)
+app = typer.Typer(no_args_is_help=True)
 
 
 @app.command()

@@ -19,7 +19,6 @@ from robocorba.system.extras import require_extra
 
 #: Maximum number of uploaded files.
 MAX_FILES = 64
-_SUFFIXES = (".yaml", ".yml", ".json")
 
 
 def decoded(text: Any, what: str) -> bytes:

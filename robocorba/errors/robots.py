@@ -66,7 +66,7 @@ class UnknownPlan(NamedError, RobotError):
 
 
 class InvalidPlan(FieldError, RobotError):
-    """`field` of a cooperative plan is invalid."""
+    """`field` of a cooperative plan, or of the carry to be planned, is invalid."""
 
 
 class StalePlan(NamedError, RobotError):
@@ -75,10 +75,6 @@ class StalePlan(NamedError, RobotError):
     expected: int
     current: int
     message = "plan {name!q} is at version {current}, not {expected}"
-
-
-class InvalidCarry(FieldError, RobotError):
-    """`field` of a carry is invalid; `reason` is the cause."""
 
 
 class ImpossibleCarry(StructuredError, RobotError):

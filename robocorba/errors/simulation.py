@@ -14,13 +14,6 @@ class InvalidDescription(FieldError, SimulationError):
     """A field of a robot's description is out of range: `field` names it, `reason` explains."""
 
 
-class RobotKeptOut(InvalidDescription):
-    """An administrator keeps robots called `name` out."""
-
-    def __init__(self, name: str) -> None:
-        super().__init__("name", f"an administrator keeps {name} out, until `robocorba simulation admit {name}`")
-
-
 class PlaceTaken(StructuredError, SimulationError):
     """Nothing can be put at `x`, `y` [m] on `floor` because of `blocker`: the name of a robot or an object there, empty
     for a static obstacle, or a reason in words."""

@@ -125,10 +125,10 @@ class Sheet:
         text = "".join(letter if ord(letter) in _LETTERS else "□" for letter in text)
         return self.axes.text(x, y, text, fontsize=size, ha=ha, **style)
 
-    def keep_clear(self, point: XY, reach_px: float = 3.0) -> None:
-        """Keep later labels off this point."""
+    def keep_clear(self, point: XY) -> None:
+        """Keep later labels off this point, by 3 pixels."""
         x, y = self.frame.pixel(point)
-        self._taken.append((x - reach_px, y - reach_px, x + reach_px, y + reach_px))
+        self._taken.append((x - 3.0, y - 3.0, x + 3.0, y + 3.0))
 
     def label(
         self,

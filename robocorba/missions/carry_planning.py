@@ -16,7 +16,7 @@ from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.places import metres
-from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
+from robocorba.errors.robots import ImpossibleCarry, InvalidPlan
 from robocorba.map_editor.model import Building, Elevator, Floor
 from robocorba.map_editor.movable import movables, not_found, object_outline
 from robocorba.map_editor.spatial.arrays import Floats
@@ -77,17 +77,17 @@ def plan_carries(
     pose of the map. blocked: additional obstacles; see BuildingObstacles. Elevator doors are open for the carriers that
     ride, and where the object is between them or in the cabin at the start. Carriers have room to approach their places
     at the start, and to back off at the goal, on straight lines of BACK_OFF_M, or shorter ones if no formation has so
-    much room. Raises InvalidCarry, ImpossibleCarry."""
+    much room. Raises InvalidPlan, ImpossibleCarry."""
     name = carried if isinstance(carried, str) else ""
     outline, known = _outline_and_pose(building, carried)
     if start is None and known is None:
-        raise InvalidCarry("start", "required for an object that is not on the map")
+        raise InvalidPlan("start", "required for an object that is not on the map")
     start, goal = Pose(*(start or known or ())), Pose(*goal)
     for field, pose in (("start", start), ("goal", goal)):
         if pose.floor not in building.floors:
-            raise InvalidCarry(field, f"there is no floor {pose.floor[:80]!r}")
+            raise InvalidPlan(field, f"there is no floor {pose.floor[:80]!r}")
         if not all(map(math.isfinite, pose[1:])) or max(abs(pose.x), abs(pose.y)) > MAX_COORDINATE_M:
-            raise InvalidCarry(field, f"{pose[1:]} is not finite or beyond {metres(MAX_COORDINATE_M)} m")
+            raise InvalidPlan(field, f"{pose[1:]} is not finite or beyond {metres(MAX_COORDINATE_M)} m")
     obstacles = BuildingObstacles(building, name, blocked or {})
     held_open = obstacles.held_open(start.floor, outline, start[1:])
     routes = list(_elevator_routes(building, start, goal))
@@ -157,7 +157,7 @@ def _outline_and_pose(building: Building, carried: str | Polygon) -> tuple[Polyg
         return carried, None
     known = movables(building)
     if carried not in known:
-        raise InvalidCarry("object", not_found(carried, known))
+        raise InvalidPlan("object", not_found(carried, known))
     entry, floor = known[carried]
     return object_outline(entry), Pose(floor, *entry.at, entry.heading)
 

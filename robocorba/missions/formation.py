@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors.robots import InvalidCarry
+from robocorba.errors.robots import InvalidPlan
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.robot.kinematics.smartpal import RADIUS_M
@@ -98,11 +98,11 @@ def formations(outline: Polygon, count: int) -> list[Formation]:
     ones, by compactness, those with roomy gaps before others; then the less safe ones, by width, for doors. Carriers
     overlap neither each other nor the object.
 
-    Raises InvalidCarry."""
+    Raises InvalidPlan."""
     if not 1 <= count <= 6:
-        raise InvalidCarry("count", f"{count} robots would be needed; at most 6 carry together")
+        raise InvalidPlan("count", f"{count} robots would be needed; at most 6 carry together")
     if outline.is_empty or not outline.is_valid or not outline.area > 0.0:
-        raise InvalidCarry("outline", "the object's outline is invalid or has no area")
+        raise InvalidPlan("outline", "the object's outline is invalid or has no area")
     grips = _grips_on_edges(outline)
     if len(grips) < max(count, 4):
         grips += _grips_around(outline)
@@ -113,7 +113,7 @@ def formations(outline: Polygon, count: int) -> list[Formation]:
     least = _least_safety(count)
     sets = [chosen for chosen, margin in zip(sets, safety, strict=True) if margin >= least]
     if not sets:
-        raise InvalidCarry(
+        raise InvalidPlan(
             "count", f"{count} robots of {RADIUS_M:g} m find no places around it from which they can hold it"
         )
     safety = safety[safety >= least]

@@ -127,16 +127,16 @@ def _candidates(points: Sequence[PathPoint]) -> Iterator[tuple[str, float, float
 
 def _phases(giver_gathers: Gather, taker_gathers: Gather) -> list[PhaseSteps]:
     """Each with the giver's and the taker's step; the taker grips before the giver lets go."""
-    ends = tasks.hand_over(BETWEEN_M, height_m=1.0, aside_m=-0.15)  # on the giver's right
+    giver, taker = tasks.hand_over(BETWEEN_M, height_m=1.0, aside_m=-0.15)  # on the giver's right
     idle = Idle(limit_s=NEAR_LIMIT_S)
-    giver_back, taker_back = ends.giver.moved(-0.1), ends.taker.moved(-0.1)  # m behind the object's ends
+    giver_back, taker_back = giver.moved(-0.1), taker.moved(-0.1)  # m behind the object's ends
     back_off = BackOff(distance_m=BACK_OFF_M, limit_s=NEAR_LIMIT_S)
     return [
         PhaseSteps("gathering", [giver_gathers, taker_gathers]),
         PhaseSteps("getting ready", [_grip(GIVING, True), _grip(TAKING, False)]),
         PhaseSteps("lifting", [_reach(GIVING, giver_back), _reach(TAKING, taker_back)]),  # clear of the trunk
-        PhaseSteps("holding out", [_reach(GIVING, ends.giver), idle]),
-        PhaseSteps("reaching", [idle, _reach(TAKING, ends.taker)]),
+        PhaseSteps("holding out", [_reach(GIVING, giver), idle]),
+        PhaseSteps("reaching", [idle, _reach(TAKING, taker)]),
         PhaseSteps("taking", [idle, _grip(TAKING, True)]),
         PhaseSteps("letting go", [_grip(GIVING, False), idle]),
         PhaseSteps("drawing back", [_reach(GIVING, giver_back), _reach(TAKING, taker_back)]),

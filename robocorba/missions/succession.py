@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
@@ -20,32 +20,24 @@ from robocorba.system.background import Background
 _log = logging.getLogger(__name__)
 
 
-class Successor(Protocol):
-    """A robot that may take missions over."""
-
-    def can_lead(self, mission: str) -> bool:
-        """Whether it can lead a mission now."""
-
-    def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
-        """Begin to lead a mission, by its cooperative icon, unless its term is not this one any more or its leader
-        answers. Raises RobotError."""
-
-
 class Succession:
     """Lets a robot lead missions whose leaders have fallen silent, when it is its turn.
 
-    leads: whether a robot answers that it leads a mission; False if it does not answer. May take seconds."""
+    leads: whether a robot answers that it leads a mission; False if it does not answer. May take seconds. can_lead:
+    whether this robot can lead a mission now. lead: has it begin to lead a mission, by its cooperative icon, unless its
+    term is not this one any more or its leader answers; raises RobotError."""
 
     def __init__(
         self,
         robot: str,
         records: MissionRecords,
         leads: Callable[[str, str], bool],
-        successor: Successor,
+        can_lead: Callable[[str], bool],
+        lead: Callable[[str, dict[str, Any], int], None],
         policy: MemberPolicy = DEFAULT_POLICY,
     ) -> None:
         self._robot, self._records, self._leads = robot, records, leads
-        self._successor, self._policy = successor, policy
+        self._can_lead, self._lead, self._policy = can_lead, lead, policy
         self._lock = threading.Lock()
         self._waiting: dict[str, Background] = {}
         self._closing = threading.Event()
@@ -96,13 +88,13 @@ class Succession:
         successors = content.successors()
         if self._robot not in successors:
             return True
-        if waited_s < successors.index(self._robot) * self._policy.turn_s or not self._successor.can_lead(mission):
+        if waited_s < successors.index(self._robot) * self._policy.turn_s or not self._can_lead(mission):
             return False
         if self._leads(content.leader, mission):  # it has lost this robot only, or comes back
             return False
         _log.warning("mission %s: its leader %s is silent; %s takes it over", mission, content.leader, self._robot)
         try:
-            self._successor.lead(mission, content.icon, term)
+            self._lead(mission, content.icon, term)
         except RobotError as error:
             _log.warning("mission %s: %s can't lead it: %s", mission, self._robot, error)
             return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from shapely import Point, Polygon
@@ -11,7 +10,7 @@ from shapely.geometry.base import BaseGeometry
 from robocorba.map_editor.geometry import Obstacle
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import Pose2D
-from robocorba.planning.request import Path, PathRequest
+from robocorba.robot.programs.base_checks import Planner
 
 
 class MovableObject(NamedTuple):
@@ -49,8 +48,8 @@ class StandingRobot(NamedTuple):
         return Obstacle("robot", self.name, self.disc)
 
 
-class World(Protocol):
-    """The current state. All methods raise NotReachable."""
+class World(Planner, Protocol):
+    """The current state, and the path planning agent. All methods raise NotReachable."""
 
     def building(self) -> Building:
         """The map."""
@@ -64,6 +63,3 @@ class World(Protocol):
 
     def robots(self) -> list[StandingRobot]:
         """All robots of the building, on whatever floor."""
-
-    def paths(self, request: PathRequest) -> Sequence[Path]:
-        """Paths from the path planning agent. Raises PathError."""

@@ -170,10 +170,9 @@ def _note(change: object, thread: WorkerThread) -> None:
 addWThreadHook(_note)
 
 
-def wait_for_call_threads(limit_s: float = 5.0) -> None:
-    """Wait until they have ended, once the ORB has, at most for `limit_s`. Other systems than Linux are not waited
-    for."""
-    listing, latest = Path("/proc/self/task"), time.monotonic() + limit_s
+def wait_for_call_threads() -> None:
+    """Wait until they have ended, once the ORB has, at most for 5 s. Other systems than Linux are not waited for."""
+    listing, latest = Path("/proc/self/task"), time.monotonic() + 5.0
     while _begun and time.monotonic() < latest and listing.is_dir():
         living = {path.name for path in listing.iterdir()}
         while _begun and str(_begun[-1]) not in living:

@@ -39,7 +39,11 @@ class ReceivedEvent(NamedTuple):
 
 
 class OtherRobots(Protocol):
-    """A program's access to other robots: events and cooperative icons."""
+    """A robot's access to others: events and cooperative icons of its programs, and its part in missions. mission: the
+    one that it leads or takes part in; empty for none."""
+
+    @property
+    def mission(self) -> str: ...
 
     def subscribe(self, patterns: Sequence[tuple[str, str]], receive: Callable[[ReceivedEvent], None]) -> None:
         """Subscribe to events of these types and sources; `receive` consumes them. Raises EventError, NotReachable."""
@@ -49,6 +53,13 @@ class OtherRobots(Protocol):
 
     def cooperate(self, icon: Icon, mission: str) -> None:
         """Perform a cooperative icon as the mission of this name, or of a new one if it is empty. Raises RobotError."""
+
+    def lead_mission(self, mission: str, program: Program, term: int = 0) -> None:
+        """Lead a mission; term: the one in which it is offered, 0 if that is not known. Raises InvalidProgram,
+        IllegalOrder."""
+
+    def abort_mission(self, mission: str) -> None:
+        """Abort the mission if the robot leads it at present. Raises UnknownMission."""
 
 
 class Runner:

@@ -110,7 +110,7 @@ class ManagementAgent:
     # ---- robots ----
 
     def register(self, description: Description) -> Session:
-        """Log a robot on. Raises RobotKeptOut, NameTaken, ServerFull, UnknownFloor, PlaceTaken, SimulationBusy,
+        """Log a robot on. Raises InvalidDescription, NameTaken, ServerFull, UnknownFloor, PlaceTaken, SimulationBusy,
         ServiceError."""
         session = self.loop.do(lambda: self._log_on(description))
         try:

@@ -15,7 +15,6 @@ from typing import NamedTuple
 from robocorba.errors.simulation import (
     InvalidDescription,
     NameTaken,
-    RobotKeptOut,
     ServerFull,
     SessionExpired,
     UnknownRobot,
@@ -168,16 +167,18 @@ class Registry:
         return list(self._by_key.values())
 
     def check(self, description: Description) -> None:
-        """Check that a robot may log on. Raises RobotKeptOut, NameTaken, ServerFull."""
+        """Check that a robot may log on. Raises InvalidDescription for one that is kept out, NameTaken, ServerFull."""
         if description.name in self.kept_out:
-            raise RobotKeptOut(description.name)
+            name = description.name
+            reason = f"an administrator keeps {name} out, until `robocorba simulation admit {name}`"
+            raise InvalidDescription("name", reason)
         if description.name in self._by_name:
             raise NameTaken(description.name)
         if len(self) >= self.limit:
             raise ServerFull(self.limit, len(self), self._next_slot_s())
 
     def register(self, description: Description) -> RobotClient:
-        """Log a robot on. Raises RobotKeptOut, NameTaken, ServerFull."""
+        """Log a robot on. Raises InvalidDescription for one that is kept out, NameTaken, ServerFull."""
         self.check(description)
         secret = secrets.token_urlsafe(24)
         client = RobotClient(description, digest_of(secret), time.time(), self._clock, secret)

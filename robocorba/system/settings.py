@@ -18,7 +18,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Mapping, MutableMapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
@@ -33,15 +33,15 @@ from robocorba.system.roles import Role
 DEFAULT_HOST = "127.0.0.1"
 
 
-def accepts_valuetypes(environment: Mapping[str, str] = os.environ) -> bool:
+def accepts_valuetypes() -> bool:
     """Whether every client is trusted to send well-formed values of valuetypes."""
-    return environment.get("ROBOCORBA_VALUETYPES", "0") not in ("", "0")
+    return os.environ.get("ROBOCORBA_VALUETYPES", "0") not in ("", "0")
 
 
-def omniorb_trace(environment: Mapping[str, str] = os.environ) -> dict[str, str]:
+def omniorb_trace() -> dict[str, str]:
     """omniORB's option `traceLevel`, 0 unless the environment sets it: at its default omniORB writes a line for each
     connection that sends garbage; 27,000 within twenty seconds filled a log."""
-    return {} if "ORBtraceLevel" in environment else {"traceLevel": "0"}
+    return {} if "ORBtraceLevel" in os.environ else {"traceLevel": "0"}
 
 
 def replace_environment(variables: Mapping[str, str]) -> None:
@@ -50,9 +50,9 @@ def replace_environment(variables: Mapping[str, str]) -> None:
     os.environ.update(variables)
 
 
-def limit_ros_discovery(environment: MutableMapping[str, str] = os.environ) -> None:
+def limit_ros_discovery() -> None:
     """ROS looks for nodes on this machine only, unless the environment has chosen another range."""
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
 
 
 class InvalidSetting(ServiceError):

@@ -23,10 +23,6 @@ MIN_ROOM = 256 * 1024
 _LOG_HEADER = struct.Struct(">8I")
 
 
-class ReplacedFile(OSError):
-    """Another file has the name of an open one."""
-
-
 def lock(file: Path) -> int:
     """Lock a database by a file beside it. The lock ends when the returned descriptor or the process is closed.
 
@@ -104,14 +100,14 @@ class Place:
     def write_back(self, connection: sqlite3.Connection) -> None:
         """Give the database its name again, by a copy from the open connection, which must be opened again then.
 
-        Raises ReplacedFile if another file has the name; its owner decides. Raises OSError, sqlite3.Error."""
+        Raises OSError, also if another file has the name: its owner decides. Raises sqlite3.Error."""
         file = self.file
         now = self._now()
         if now[0] not in (None, self._identities[0]):
             for suffix, mine, found in zip((LOG, SHARED), self._identities[1:], now[1:], strict=True):
                 if mine is not None and mine == found:  # SQLite would apply it to the other file
                     beside(file, suffix).unlink()
-            raise ReplacedFile(0, f"{file} was replaced while a process uses it; restart the process to use it")
+            raise OSError(0, f"{file} was replaced while a process uses it; restart the process to use it")
         file.parent.mkdir(parents=True, exist_ok=True)
         new = beside(file, ".new")
         remove_database(new)

@@ -52,6 +52,11 @@ def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     native.save(two_floors(), "two.yaml")
 
 
+def test_help_is_the_same_where_no_subcommand_is_loaded() -> None:
+    shown, loaded = (CliRunner().invoke(command(only_for_help=each), ["--help"]) for each in (True, False))
+    assert (shown.output, shown.exit_code) == (loaded.output, 0)
+
+
 @pytest.mark.parametrize(("typed", "option", "purpose"), WITHOUT_EFFECT)
 def test_an_option_without_effect_is_refused(typed: str, option: str, purpose: str) -> None:
     result = CliRunner().invoke(command(), typed.split(), env={"COLUMNS": "200", "NO_COLOR": "1"})

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import MultiPoint, Point, Polygon
 
-from robocorba.errors.robots import InvalidCarry, InvalidPlan
+from robocorba.errors.robots import InvalidPlan
 from robocorba.map_editor.model import CircleShape, MapObject
 from robocorba.map_editor.movable import object_outline
 from robocorba.map_editor.polygons import FloorArea
@@ -60,7 +60,7 @@ def outlines(draw: st.DrawFn) -> Polygon:
 def test_carriers_do_not_overlap_and_hold_the_object_around_its_centroid(outline: Polygon, count: int) -> None:
     try:
         found = formations(outline, count)
-    except InvalidCarry:
+    except InvalidPlan:
         return
     for formation in found:
         places = formation.carrier_poses()
@@ -104,7 +104,7 @@ def test_a_footprint_has_the_object_its_carriers_and_their_arms() -> None:
     ("outline", "count"), [(TABLE, 0), (TABLE, 7), (shapely.box(-0.1, -0.1, 0.1, 0.1), 6), (Polygon(), 2)]
 )
 def test_impossible_formations_are_refused(outline: Polygon, count: int) -> None:
-    with pytest.raises(InvalidCarry):
+    with pytest.raises(InvalidPlan):
         formations(outline, count)
 
 
@@ -113,7 +113,7 @@ def test_impossible_formations_are_refused(outline: Polygon, count: int) -> None
 def test_groups_that_are_enough_can_carry_and_hold_the_object(outline: Polygon, count: int, mass_kg: float) -> None:
     try:
         formation = formations(outline, count)[0]
-    except InvalidCarry:
+    except InvalidPlan:
         return
     groups = formation.enough(outline, mass_kg, 4.0)
     for group in groups:

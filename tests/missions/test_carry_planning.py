@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon
 
-from robocorba.errors.robots import ImpossibleCarry, InvalidCarry
+from robocorba.errors.robots import ImpossibleCarry, InvalidPlan
 from robocorba.map_editor.geometry import Obstacle, obstacles
 from robocorba.map_editor.model import (
     BoxShape,
@@ -265,5 +265,5 @@ def test_objects_and_robots_are_avoided_where_they_are_now() -> None:
     ],
 )
 def test_invalid_requests_are_refused(thing, start, goal, count) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(InvalidCarry):
+    with pytest.raises(InvalidPlan):
         best_plan(SCENE, thing, start, goal, count)

@@ -390,7 +390,10 @@ class Scene(Database):
         self.living, self.busy, self.refusals = "", "", 0
         #: Who has taken the mission over, and when [s].
         self.led: list[tuple[str, float]] = []
-        self.successions = {name: Succession(name, self, self.leads, Robot(name, self)) for name in "BC"}
+        self.successions = {
+            robot.name: Succession(robot.name, self, self.leads, robot.can_lead, robot.lead)
+            for robot in (Robot(name, self) for name in "BC")
+        }
 
     def begin(self, *robots: str) -> None:
         for name in robots:
@@ -404,10 +407,10 @@ class Robot:
     """A robot that takes over; the database then names it."""
 
     def __init__(self, name: str, scene: Scene) -> None:
-        self._name, self._scene = name, scene
+        self.name, self._scene = name, scene
 
     def can_lead(self, mission: str) -> bool:
-        return self._name not in self._scene.busy
+        return self.name not in self._scene.busy
 
     def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
         version, content = self._scene.missions["m"]
@@ -415,8 +418,8 @@ class Robot:
         if self._scene.refusals:
             self._scene.refusals -= 1
             raise IllegalOrder("lead a mission", "is stopped")
-        self._scene.led.append((self._name, self._scene.time.now))
-        self._scene.missions["m"] = version + 1, content.taken_over(self._name, "A was silent", 2.0)
+        self._scene.led.append((self.name, self._scene.time.now))
+        self._scene.missions["m"] = version + 1, content.taken_over(self.name, "A was silent", 2.0)
 
 
 @pytest.fixture

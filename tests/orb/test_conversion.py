@@ -34,7 +34,7 @@ from tests.simulation.places import scan
 LOCAL = {
     *("AlreadyRunning", "PortInUse", "StartFailed"),
     *("InvalidRecording", "UpdateMismatch", "NoRide", "GridTooLarge"),
-    *("Unreachable", "InvalidPlan", "StalePlan", "InvalidCarry", "ImpossibleCarry", "RideLost"),
+    *("Unreachable", "InvalidPlan", "StalePlan", "ImpossibleCarry", "RideLost"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "InternalFault", "ClientGone", "RobotHeld"),
     *("OutputError", "LimitExceeded", "WorkEnded", "Blind", "Bumped"),

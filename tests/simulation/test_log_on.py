@@ -20,11 +20,11 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import (
+    InvalidDescription,
     InvalidReservation,
     InvalidRide,
     NameTaken,
     PlaceTaken,
-    RobotKeptOut,
     ServerFull,
     SessionExpired,
     SimulationError,
@@ -195,7 +195,7 @@ class LogOn(RuleBasedStateMachine):
     def refusal(self, name: str) -> type[SimulationError] | None:
         """Why a robot can't log on."""
         if name in self.kept_out:
-            return RobotKeptOut
+            return InvalidDescription
         if name in self.here:
             return NameTaken
         if len(self.here) >= self.limit:

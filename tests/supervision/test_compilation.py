@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from robocorba.commands.compiling import LINE_INTERVAL_S, TITLE, Lines
+from robocorba.commands.compiling import LINE_INTERVAL_S, TITLE, lines
 from robocorba.system.kernel_store import KernelStore, lock
 from robocorba.system.supervision import compilation
 from robocorba.system.supervision.compilation import Progress, compile_kernels
@@ -122,13 +122,13 @@ def test_progress_and_its_text() -> None:
     progress.update({"b", "elsewhere"})
     assert (progress.share, str(progress)) == (0.65, "2 of 3, about 16 s left")
     assert str(Progress({})) == "0 of 0, about 1 s left"
-    later, lines = [0.0], list[str]()  # where there is no terminal
-    writer = Lines(lines.append, lambda: later[0])
+    later, written = [0.0], list[str]()  # where there is no terminal
+    report = lines(written.append, lambda: later[0])
     for missing in ({"b"}, {"b"}, set[str]()):
         progress.update(missing)
-        writer.report(progress)
+        report(progress)
         later[0] += LINE_INTERVAL_S / 2
-    assert lines == [f"{TITLE}: 2 of 3, about 16 s left", f"{TITLE}: 3 of 3, about 1 s left"]
+    assert written == [f"{TITLE}: 2 of 3, about 16 s left", f"{TITLE}: 3 of 3, about 1 s left"]
 
 
 HALVES = """

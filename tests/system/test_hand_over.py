@@ -71,7 +71,7 @@ def play(*steps: Step, **off: float) -> list[Moment]:
     z, m, or yaw, rad."""
     inverse = InverseKinematics()
     between_m = math.dist(MEETING_POSES[GIVER][:2], MEETING_POSES[TAKER][:2])
-    ends = tasks.hand_over(between_m, hand_over.SHEET_HEIGHT_M, hand_over.SHEET_LEFT_M)
+    giving, taking = tasks.hand_over(between_m, hand_over.SHEET_HEIGHT_M, hand_over.SHEET_LEFT_M)
 
     def state(robot: str, side: Side, hand: HandPose, is_shut: bool, offset_m: float = 0.0) -> RobotState:
         joints = inverse.solve({side: hand}, np.zeros(len(JOINTS)))
@@ -82,9 +82,9 @@ def play(*steps: Step, **off: float) -> list[Moment]:
     moments = []
     for number, (giver_shut, taker_shut, back_m) in enumerate(steps):
         wrong = off if number == 2 else {}
-        taker = ends.taker.moved(-back_m)
+        taker = taking.moved(-back_m)
         taker = taker._replace(z=taker.z + wrong.get("z", 0.0), yaw=wrong.get("yaw", 0.0))
-        giver = state(GIVER, GIVING, ends.giver.moved(-back_m), giver_shut)
+        giver = state(GIVER, GIVING, giving.moved(-back_m), giver_shut)
         moments.append(Moment(0.5 * number, giver, state(TAKER, TAKING, taker, taker_shut, wrong.get("x", 0.0))))
     return moments
 

@@ -23,7 +23,7 @@ from robocorba.robot.corba.remote_agent import RemoteAgent, robots
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.icons import Event
 from robocorba.robot.programs.program import dumps
-from robocorba.simulation.corba.registered_robots import RegisteredRobots
+from robocorba.simulation.corba.registered_robots import floors_of_robots
 from robocorba.stubs import RoboCorba
 from testkit.processes import Running, command_line, drain, eventually, hang, is_running, refusal
 from tests.robot.kinematics.postures import links_by_urdf
@@ -263,8 +263,8 @@ class Fleet:
 def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb: Orb, tmp_path: Path) -> None:
     (tmp_path / "fleet.yaml").write_text(FLEET)
     (tmp_path / "wait.json").write_text(dumps(ProgramBuilder("waiting").wait(600.0).program()))
-    fleet, registered = Fleet(robocorba("robots", "fleet.yaml")), RegisteredRobots(system_orb)
-    assert registered.floors().items() >= {"Lead": "L1", "F1": "L1", "F2": "L1"}.items()
+    fleet, floors = Fleet(robocorba("robots", "fleet.yaml")), floors_of_robots(system_orb)
+    assert floors().items() >= {"Lead": "L1", "F1": "L1", "F2": "L1"}.items()
     fleet.wait_for("Lead\tL1\twaiting\twaiting\t0\twaiting for 600 s")
     fleet.kill("F1")
     fleet.wait_for("F1\tL1\tended\t\t0\tended by SIGKILL")
@@ -272,7 +272,7 @@ def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb:
     assert RemoteAgent(system_orb, "F2").state().at.floor == "L1"
     family = psutil.Process(fleet.process.pid).children(recursive=True)
     assert fleet.end(signal.SIGINT) == 1  # one failed
-    assert not {"Lead", "F2"} & {*registered.floors(), *robots(system_orb)}  # F1 stays until its lease expires
+    assert not {"Lead", "F2"} & {*floors(), *robots(system_orb)}  # F1 stays until its lease expires
     assert not any(map(is_running, family))
 
 
@@ -282,4 +282,4 @@ def test_a_robot_is_started_again_if_wanted(robocorba: Start, system_orb: Orb) -
     eventually(lambda: any(line.startswith("G1\tL1\twaiting\t\t") and "\t0\t" not in line for line in fleet.lines))
     assert RemoteAgent(system_orb, "G1").state().name == "G1"
     assert fleet.end(signal.SIGTERM) == 0
-    assert "G1" not in RegisteredRobots(system_orb).floors()
+    assert "G1" not in floors_of_robots(system_orb)()

@@ -10,6 +10,7 @@ import threading
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from robocorba.bridges.openrtm.connections import Connection, Connections, Peer, Refused
@@ -33,16 +34,14 @@ class InvalidValue(RoboCorbaError):
     """Data of a port are no value of its type, or a parameter is unknown or out of bounds."""
 
 
-class DataType(Protocol[Value]):
-    """A type of OpenRTM. id: its repository id."""
+@dataclass(frozen=True)
+class DataType(Generic[Value]):
+    """A type of OpenRTM. id: its repository id. encode, decode: a value to bytes, little-endian or not, and back;
+    `decode` raises InvalidValue."""
 
-    @property
-    def id(self) -> str: ...
-
-    def encode(self, value: Value, is_little: bool) -> bytes: ...
-
-    def decode(self, data: bytes, is_little: bool) -> Value:
-        """Raises InvalidValue."""
+    id: str
+    encode: Callable[[Value, bool], bytes]
+    decode: Callable[[bytes, bool], Value]
 
 
 class Channel(Protocol):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import NotReachable
@@ -17,25 +17,11 @@ from robocorba.robot.corba import robot_states
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.programs import program
-from robocorba.robot.programs.program import Program
 from robocorba.robot.programs.report import CheckReport
+from robocorba.robot.runner import OtherRobots
 from robocorba.robot.uploads import CheckedPrograms
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.stop_latch import EMERGENCY_STOP
-
-
-class Missions(Protocol):
-    """The robot's part in missions. mission: the one that it leads or takes part in; empty for none."""
-
-    @property
-    def mission(self) -> str: ...
-
-    def lead_mission(self, mission: str, program: Program, term: int = 0) -> None:
-        """Lead a mission; term: the one in which it is offered, 0 if that is not known. Raises InvalidProgram,
-        IllegalOrder."""
-
-    def abort_mission(self, mission: str) -> None:
-        """Abort the mission if the robot leads it at present. Raises UnknownMission."""
 
 
 class StopTargetServant(RoboCorba__POA.StopTarget):
@@ -66,11 +52,11 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
         pool: Any,
         sensors: Any,
         channel: str,
-        missions: Missions,
+        others: OtherRobots,
         programs: CheckedPrograms,
     ) -> None:
         self._agent, self._pool, self._sensors, self._channel = agent, pool, sensors, channel
-        self._missions, self._programs = missions, programs
+        self._others, self._programs = others, programs
 
     def _get_name(self) -> str:
         return self._agent.name
@@ -100,7 +86,7 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
         return [paths.path_point(point) for point in self._agent.path]
 
     def _get_mission(self) -> str:
-        return self._missions.mission
+        return self._others.mission
 
     def _get_sensors(self) -> Any:
         return self._sensors if self._agent.senses else None
@@ -130,11 +116,11 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     def leadMission(self, mission: str, icon: str, term: int) -> None:
         for reason in name_violations("its name", mission):
             raise InvalidProgram("", "mission", reason)
-        self._missions.lead_mission(mission, program.of_icon(icon), term)
+        self._others.lead_mission(mission, program.of_icon(icon), term)
 
     @translating
     def abortMission(self, mission: str) -> None:
-        self._missions.abort_mission(mission)
+        self._others.abort_mission(mission)
 
     @translating
     def loadProgram(self, json: str) -> None:

@@ -28,8 +28,8 @@ MAX_RESTARTS = 60
 class InverseKinematics:
     """Solves for the joints (18,) [rad] of one robot that bring its hands to target poses. Not thread-safe."""
 
-    def __init__(self, body: SmartPalBody | None = None) -> None:
-        self.body = body or SmartPalBody()
+    def __init__(self) -> None:
+        self.body = SmartPalBody()
         self._chains = chains()
         self._comfort = np.zeros(len(JOINTS))
         for side in Side:

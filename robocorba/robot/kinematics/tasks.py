@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats
@@ -29,13 +27,6 @@ GRIP_DEPTH_M = 0.03
 SHEET_M = 0.297
 
 
-class HandOverPoses(NamedTuple):
-    """Target poses of the giver's and the taker's hand, each in the frame of its own robot."""
-
-    giver: HandPose
-    taker: HandPose
-
-
 def grip_table(height_m: float, distance_m: float, spacing_m: float) -> dict[Side, HandPose]:
     """Target poses of both hands on the edge of a table in front of the robot, fingers above and below the board.
 
@@ -45,11 +36,12 @@ def grip_table(height_m: float, distance_m: float, spacing_m: float) -> dict[Sid
     return {Side.LEFT: HandPose(ahead, aside, height_m), Side.RIGHT: HandPose(ahead, -aside, height_m)}
 
 
-def hand_over(between_m: float, height_m: float, aside_m: float = 0.0, sheet_m: float = SHEET_M) -> HandOverPoses:
-    """Target poses of hands at the two ends of a level sheet, half way between two robots that face each other.
+def hand_over(between_m: float, height_m: float, aside_m: float = 0.0) -> tuple[HandPose, HandPose]:
+    """Target poses of the giver's and the taker's hand, each in the frame of its own robot, at the two ends of a level
+    sheet, half way between the robots, which face each other.
 
     between_m: distance between the centres of the bases. height_m: height of the sheet above the floor. aside_m:
-    offset to the left of the giver, which is the taker's right; sheet_m: length of the sheet. The taker grips before
-    the giver lets go; `HandPose.moved` gives the poses before and after."""
-    ahead = (between_m - sheet_m) / 2 + GRIP_DEPTH_M
-    return HandOverPoses(HandPose(ahead, aside_m, height_m), HandPose(ahead, -aside_m, height_m))
+    offset to the left of the giver, which is the taker's right. The taker grips before the giver lets go;
+    `HandPose.moved` gives the poses before and after."""
+    ahead = (between_m - SHEET_M) / 2 + GRIP_DEPTH_M
+    return HandPose(ahead, aside_m, height_m), HandPose(ahead, -aside_m, height_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from robocorba.orb.orb import Orb
@@ -9,20 +10,13 @@ from robocorba.orb.remote_object import RemoteObject
 from robocorba.stubs import RoboCorba
 
 
-class RegisteredRobots:
-    """One call for all robots. Thread-safe."""
+def floors_of_robots(orb: Orb) -> Callable[[], dict[str, str]]:
+    """What returns the floor of each robot, by its name, and raises NotReachable. Thread-safe; one call for all."""
+    what, timeouts_s = "the simulation server", (0.5, 2.0)
+    server = RemoteObject(orb, "SimulationServer", RoboCorba.SimulationServer, what, *timeouts_s)
 
-    def __init__(self, orb: Orb) -> None:
-        self._server = RemoteObject(
-            orb,
-            "SimulationServer",
-            RoboCorba.SimulationServer,
-            "the simulation server",
-            resolve_timeout_s=0.5,
-            call_timeout_s=2.0,
-        )
-
-    def floors(self) -> dict[str, str]:
-        """The floor of each robot, by its name. Raises NotReachable."""
-        clients: list[Any] = self._server.call(lambda server: server.clients())
+    def floors() -> dict[str, str]:
+        clients: list[Any] = server.call(lambda server: server.clients())
         return {client.name: client.at.floor for client in clients}
+
+    return floors

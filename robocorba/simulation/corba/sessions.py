@@ -175,11 +175,6 @@ register_with(
     lambda e: errors.PlaceTaken(e.place.floor, e.place.x, e.place.y, e.by),
 )
 register(errors.InvalidDescription, RoboCorba.InvalidDescription, "field", "reason")
-register_with(
-    errors.RobotKeptOut,
-    RoboCorba.InvalidDescription,
-    lambda error: RoboCorba.InvalidDescription(error.field, error.reason),
-)
 register(errors.NameTaken, RoboCorba.NameTaken, "name")
 register(errors.ServerFull, RoboCorba.ServerFull, "limit", "now", "retry_s")
 register(errors.InvalidCommand, RoboCorba.InvalidCommand, "field", "reason")

@@ -25,18 +25,18 @@ from robocorba.system.state_folder import StateFolder
 _log = logging.getLogger(__name__)
 
 
-def parse_subnets(text: str, setting: str = "--subnets") -> tuple[str, ...]:
+def parse_subnets(text: str) -> tuple[str, ...]:
     """The names in a comma-separated list such as lab,hall. Raises InvalidSetting."""
     names = tuple(name.strip() for name in text.split(","))
     for name in names:
         try:
             check_name(name)
         except InvalidPeer as error:
-            raise InvalidSetting(setting, text, f"the name {error.reason}") from None
+            raise InvalidSetting("--subnets", text, f"the name {error.reason}") from None
         if names.count(name) > 1:
-            raise InvalidSetting(setting, text, f"{name} is listed twice")
+            raise InvalidSetting("--subnets", text, f"{name} is listed twice")
     if len(names) > MAX_CHANNELS:
-        raise InvalidSetting(setting, text, f"{len(names)} channels; a federation has at most {MAX_CHANNELS}")
+        raise InvalidSetting("--subnets", text, f"{len(names)} channels; a federation has at most {MAX_CHANNELS}")
     return names
 
 

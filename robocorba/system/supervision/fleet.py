@@ -5,18 +5,17 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import signal
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
-from robocorba.simulation.corba.registered_robots import RegisteredRobots
+from robocorba.simulation.corba.registered_robots import floors_of_robots
 from robocorba.system.processes import RobotOrder
 from robocorba.system.settings import Address
 from robocorba.system.supervision.process import GRACE_PERIOD_S, ProcessSpec, Supervised
-from robocorba.system.supervision.robots import STARTING, ProgressLines, Robots, robot_spec
+from robocorba.system.supervision.robots import ProgressLines, Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
 
 
@@ -44,18 +43,10 @@ class View(Protocol):
         """All robots end; `running` of them still run."""
 
 
-@dataclass(frozen=True)
-class FleetOptions:
-    """starting: maximum number of robots that start at a time. restarts: whether robots that end are started again.
-    start_limit_s: timeout for a robot to be ready [s]."""
-
-    starting: int = STARTING
-    restarts: bool = False
-    start_limit_s: float = 180.0
-
-
 class Fleet:
-    """orders: the robots. state: the state folder, naming: the naming service of all of them."""
+    """orders: the robots. state: the state folder, naming: the naming service of all of them. starting: maximum number
+    of robots that start at a time. restarts: whether robots that end are started again. start_limit_s: timeout for a
+    robot to be ready [s]."""
 
     def __init__(
         self,
@@ -63,9 +54,12 @@ class Fleet:
         state: Path,
         naming: Address,
         view: View,
-        options: FleetOptions,
+        starting: int,
+        restarts: bool,
+        start_limit_s: float,
     ) -> None:
-        self._orders, self._state, self._naming, self._view, self._options = orders, state, naming, view, options
+        self._orders, self._state, self._naming, self._view = orders, state, naming, view
+        self._starting, self._restarts, self._start_limit_s = starting, restarts, start_limit_s
         self._processes: dict[str, Supervised] = {}
         self._lines: dict[str, ProgressLines] = {}
         self._floors: Mapping[str, str] = {}
@@ -74,20 +68,20 @@ class Fleet:
 
     def run(self, orb: Orb) -> bool:
         """Run until a signal, or until all robots have ended. Returns whether all robots ran until the signal."""
-        return asyncio.run(self._run(RegisteredRobots(orb)))
+        return asyncio.run(self._run(floors_of_robots(orb)))
 
-    async def _run(self, registered: RegisteredRobots) -> bool:
+    async def _run(self, read_floors: Callable[[], Mapping[str, str]]) -> bool:
         stop, self._changed = asyncio.Event(), asyncio.Event()
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             asyncio.get_running_loop().add_signal_handler(number, stop.set)
-        starter, options = Starter(), self._options
-        robots = Robots(self._spec, starter, self._changed.set, options.starting, options.restarts)
+        starter = Starter()
+        robots = Robots(self._spec, starter, self._changed.set, self._starting, self._restarts)
         tasks: list[asyncio.Task[object]] = []
         try:
             for order in self._orders:
                 self._processes[order.name] = robots.start(order)
             tasks = [asyncio.create_task(self._follow()), asyncio.create_task(stop.wait())]
-            tasks.append(asyncio.create_task(self._watch_floors(registered)))
+            tasks.append(asyncio.create_task(self._watch_floors(read_floors)))
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
             for task in done:
                 task.result()
@@ -120,10 +114,10 @@ class Fleet:
             await asyncio.sleep(0.25)  # between two views at least
             await self._changed.wait()
 
-    async def _watch_floors(self, registered: RegisteredRobots) -> None:
+    async def _watch_floors(self, read_floors: Callable[[], Mapping[str, str]]) -> None:
         while True:
             with contextlib.suppress(NotReachable):  # the last ones stay
-                floors = await asyncio.to_thread(registered.floors)
+                floors = await asyncio.to_thread(read_floors)
                 if floors != self._floors:
                     self._floors = floors
                     self._changed.set()
@@ -132,8 +126,7 @@ class Fleet:
     def _spec(self, order: RobotOrder) -> ProcessSpec:
         lines = self._lines[order.name] = ProgressLines(order.process, self._changed.set)
         grace_period_s = GRACE_PERIOD_S + 0.2 * len(self._orders)  # they log off all together
-        start_limit_s = self._options.start_limit_s
-        return robot_spec(order, self._state, self._naming, start_limit_s, lines, grace_period_s)
+        return robot_spec(order, self._state, self._naming, self._start_limit_s, lines, grace_period_s)
 
     def rows(self) -> list[Row]:
         """The robots in their order."""

@@ -7,24 +7,22 @@ from collections.abc import Callable
 from typing import Any
 
 from robocorba.bridges.openrtm.connections import Connection, Connections
-from robocorba.bridges.openrtm.data_ports import DataPort, InvalidValue
+from robocorba.bridges.openrtm.data_ports import DataPort, DataType, InvalidValue
 from robocorba.bridges.openrtm.life_cycle import ReturnCode
 from robocorba.errors.services import NotReachable
 
 
-class NumberType:
-    """Numbers as eight bytes."""
+def _decode(data: bytes, is_little: bool) -> float:
+    try:
+        return float(struct.unpack("<d" if is_little else ">d", data)[0])
+    except struct.error as error:
+        raise InvalidValue(str(error)) from None
 
-    id = "IDL:RTC/TimedDouble:1.0"
 
-    def encode(self, value: float, is_little: bool) -> bytes:
-        return struct.pack("<d" if is_little else ">d", value)
-
-    def decode(self, data: bytes, is_little: bool) -> float:
-        try:
-            return float(struct.unpack("<d" if is_little else ">d", data)[0])
-        except struct.error as error:
-            raise InvalidValue(str(error)) from None
+#: Numbers as eight bytes.
+NUMBERS = DataType[float](
+    "IDL:RTC/TimedDouble:1.0", lambda value, is_little: struct.pack("<d" if is_little else ">d", value), _decode
+)
 
 
 class Objects:

@@ -29,7 +29,7 @@ from robocorba.bridges.openrtm.data_ports import (
 )
 from robocorba.bridges.openrtm.life_cycle import ReturnCode
 from testkit.processes import eventually
-from tests.bridges.openrtm.ports import LocalPeer, NumberType, Objects
+from tests.bridges.openrtm.ports import NUMBERS, LocalPeer, Objects
 
 
 class Port(LocalPeer):
@@ -144,8 +144,8 @@ class Pair:
     def __init__(self) -> None:
         self.objects = Objects()
         self.got: list[float] = []
-        self.out: OutPort[float] = OutPort("out", NumberType(), self.objects)
-        self.into: InPort[float] = InPort("in", NumberType(), self.objects, self.take)
+        self.out: OutPort[float] = OutPort("out", NUMBERS, self.objects)
+        self.into: InPort[float] = InPort("in", NUMBERS, self.objects, self.take)
         self.ports = LocalPeer(self.out), LocalPeer(self.into)
 
     def take(self, value: float) -> bool:
@@ -179,7 +179,7 @@ def test_the_last_value_is_there_for_who_asks() -> None:
     assert get() is None
     pair.out.write(1.0)
     pair.out.write(2.0)
-    assert NumberType().decode(get(), is_little=False) == 2.0
+    assert NUMBERS.decode(get(), False) == 2.0
     pair.out.connections.disconnect(made.id)
     assert not pair.objects.served
 
@@ -208,7 +208,7 @@ def test_one_that_hangs_delays_no_other_and_gets_the_newest_value_later() -> Non
     def take(value: float) -> bool:
         return free.wait(30.0) and slow.take(value)
 
-    hanging: InPort[float] = InPort("hanging", NumberType(), pair.objects, take)
+    hanging: InPort[float] = InPort("hanging", NUMBERS, pair.objects, take)
     assert pair.connect({})[0] is ReturnCode.OK
     assert pair.connect({}, pair.ports[0], LocalPeer(hanging))[0] is ReturnCode.OK
     for number in range(100):

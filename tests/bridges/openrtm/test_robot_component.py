@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robocorba.bridges.openrtm.connections import Connection
-from robocorba.bridges.openrtm.data_ports import DATAFLOW, IN_PORT, OUT_PORT, InvalidValue
+from robocorba.bridges.openrtm.data_ports import DATAFLOW, IN_PORT, OUT_PORT, DataType, InvalidValue
 from robocorba.bridges.openrtm.life_cycle import ReturnCode, State
 from robocorba.bridges.openrtm.robot_component import (
     DataTypes,
@@ -28,17 +28,9 @@ from tests.bridges.openrtm.ports import LocalPeer, Objects
 PLACE = RobotPlace("A", "L1", 2.0, 3.0, 0.0, 0.5, (0.0, 0.0, 0.0))
 
 
-class Kept:
+def kept(name: str) -> DataType[Any]:
     """Values that stay as they are, in place of bytes."""
-
-    def __init__(self, name: str) -> None:
-        self.id = f"IDL:RTC/{name}:1.0"
-
-    def encode(self, value: Any, is_little: bool) -> Any:
-        return value
-
-    def decode(self, data: Any, is_little: bool) -> Any:
-        return data
+    return DataType(f"IDL:RTC/{name}:1.0", lambda value, is_little: value, lambda data, is_little: data)
 
 
 class Robot:
@@ -61,7 +53,7 @@ class Shown:
 
     def __init__(self) -> None:
         self.robot, self.objects = Robot(), Objects()
-        types = DataTypes(Kept("Pose"), Kept("Text"), Kept("Ranges"), Kept("Velocity"))
+        types = DataTypes(kept("Pose"), kept("Text"), kept("Ranges"), kept("Velocity"))
         self.component = RobotComponent("A", "A 1", types, self.objects, self.robot)
         self._offered: dict[str, str] = {}
         for port in self.component.ports:

@@ -67,11 +67,11 @@ def test_both_hold_the_sheet(
     body: SmartPalBody, inverse: InverseKinematics, between_m: float, height_m: float, aside_m: float
 ) -> None:
     """In one frame: the giver stands at the origin, the taker faces it."""
-    handing = hand_over(between_m, height_m, aside_m)
+    giving, taking = hand_over(between_m, height_m, aside_m)
     side = Side.LEFT if aside_m >= 0 else Side.RIGHT
-    giver = body.hand(side, inverse.solve({side: handing.giver}, HOME))
+    giver = body.hand(side, inverse.solve({side: giving}, HOME))
     other = Side.RIGHT if aside_m >= 0 else Side.LEFT
-    taker = turned_round(body.hand(other, inverse.solve({other: handing.taker}, HOME)), between_m)
+    taker = turned_round(body.hand(other, inverse.solve({other: taking}, HOME)), between_m)
     assert giver[1:3] == pytest.approx((aside_m, height_m), abs=1e-5)
     assert taker[1:3] == pytest.approx((aside_m, height_m), abs=1e-5)
     assert taker.x - giver.x == pytest.approx(SHEET_M - 2 * GRIP_DEPTH_M, abs=1e-5)

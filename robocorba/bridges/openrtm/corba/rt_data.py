@@ -4,38 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import omniORB
 from omniORB import CORBA
 
-from robocorba.bridges.openrtm.data_ports import InvalidValue
+from robocorba.bridges.openrtm.data_ports import DataType, InvalidValue
 from robocorba.bridges.openrtm.robot_component import DataTypes, Ranges, TimedPose, TimedText, Velocity
 from robocorba.stubs import RTC
 
 Value = TypeVar("Value")
 
 
-class _CdrType(Generic[Value]):
-    """A data type (robocorba.bridges.openrtm.data_ports.DataType).
+def _cdr(typecode: Any, struct: Callable[[Value], Any], value: Callable[[Any], Value] | None = None) -> DataType[Value]:
+    """struct, value: convert a value to a struct of the IDL, and back; a type of out ports only needs no `value`."""
 
-    struct, value: convert a value to a struct of the IDL, and back; a type of out ports only needs no `value`."""
+    def encode(given: Value, is_little: bool) -> bytes:
+        return bytes(omniORB.cdrMarshal(typecode, struct(given), int(is_little)))
 
-    def __init__(
-        self, typecode: Any, struct: Callable[[Value], Any], value: Callable[[Any], Value] | None = None
-    ) -> None:
-        self._typecode, self._struct, self._value = typecode, struct, value
-        self.id: str = typecode.id()
-
-    def encode(self, value: Value, is_little: bool) -> bytes:
-        return bytes(omniORB.cdrMarshal(self._typecode, self._struct(value), int(is_little)))
-
-    def decode(self, data: bytes, is_little: bool) -> Value:
-        assert self._value, "a type of out ports"
+    def decode(data: bytes, is_little: bool) -> Value:
+        assert value, "a type of out ports"
         try:
-            return self._value(omniORB.cdrUnmarshal(self._typecode, data, int(is_little)))
+            return value(omniORB.cdrUnmarshal(typecode, data, int(is_little)))
         except CORBA.SystemException as error:
-            raise InvalidValue(f"{len(data)} bytes are no {self.id}: {error}") from None
+            raise InvalidValue(f"{len(data)} bytes are no {typecode.id()}: {error}") from None
+
+    return DataType(typecode.id(), encode, decode)
 
 
 def _pose(value: TimedPose) -> Any:
@@ -74,8 +68,8 @@ def _time(time_s: float) -> Any:
 
 
 DATA_TYPES = DataTypes(
-    _CdrType(RTC._tc_TimedPose2D, _pose),
-    _CdrType(RTC._tc_TimedString, _text),
-    _CdrType(RTC._tc_RangeData, _ranges),
-    _CdrType(RTC._tc_TimedVelocity2D, _velocity, _velocity_of),
+    _cdr(RTC._tc_TimedPose2D, _pose),
+    _cdr(RTC._tc_TimedString, _text),
+    _cdr(RTC._tc_RangeData, _ranges),
+    _cdr(RTC._tc_TimedVelocity2D, _velocity, _velocity_of),
 )
