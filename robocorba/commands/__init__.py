@@ -23,28 +23,37 @@ NAME = "robocorba"
 SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "up": ("up", "up"),
     "status": ("status", "status"),
+    "console": ("console", "console"),
+    "watch": ("watch", "watch"),
+    "simulation": ("simulation", "app", "Set limit and pace of the simulation, and log robots off."),
+    "access": ("access", "app", "Files that give rights to a guarded system."),
     "backup": ("backup", "backup"),
     "restore": ("backup", "restore"),
-    "console": ("console", "console"),
+    "robot": ("robot", "robot"),
+    "robots": ("robots", "robots"),
+    "stop": ("robot", "stop"),
+    "switch": ("robot", "switch"),
+    "program": ("program_upload", "app", "Programs of robots: lists of icons."),
+    "robot-model": ("robot_model", "app", "Export the robot's model for other programs."),
+    "map": ("map", "app", "Read, write, check and show map files."),
     "path": ("path", "path"),
-    "watch": ("watch", "watch"),
+    "mission": ("mission", "app", "Missions of several robots."),
+    "events": ("events", "app", "Inspect event channels, print their events, publish events."),
     "record": ("record", "record"),
     "replay": ("replay", "replay"),
     "convert": ("convert", "convert"),
     "foxglove": ("foxglove", "foxglove"),
     "ros2": ("ros2", "ros2"),
     "openrtm": ("openrtm", "openrtm"),
-    "access": ("access", "app", "Files that give rights to a guarded system."),
-    "robot": ("robot", "robot"),
-    "robots": ("robots", "robots"),
-    "robot-model": ("robot_model", "app", "Export the robot's model for other programs."),
-    "stop": ("robot", "stop"),
-    "switch": ("robot", "switch"),
-    "simulation": ("simulation", "app", "Set limit and pace of the simulation, and log robots off."),
-    "map": ("map", "app", "Read, write, check and show map files."),
-    "program": ("program_upload", "app", "Programs of robots: lists of icons."),
-    "mission": ("mission", "app", "Missions of several robots."),
-    "events": ("events", "app", "Inspect event channels, print their events, publish events."),
+}
+#: The first subcommand of each panel of the help.
+_PANELS = {
+    "up": "System",
+    "robot": "Robots",
+    "map": "Maps and paths",
+    "mission": "Missions and events",
+    "record": "Recordings",
+    "foxglove": "Bridges",
 }
 #: Commands whose arguments all go to another process.
 FORWARDING = ("robot", "console")
@@ -65,18 +74,21 @@ def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) 
         no_args_is_help=True,
         add_completion=False,
         pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
     )
+    panel = ""
     for name in names:
+        panel = _PANELS.get(name, panel)
         module, attribute, *text = SUBCOMMANDS[name]
         found = None if only_for_help else getattr(import_module(f"robocorba.commands.{module}"), attribute)
         if attribute == "app":
-            app.add_typer(found or typer.Typer(), name=name, help=text[0])
+            app.add_typer(found or typer.Typer(), name=name, help=text[0], rich_help_panel=panel)
         else:
             settings = _PASS_THROUGH if name in FORWARDING else None
             shown = _docstring(module, attribute) if only_for_help else None
-            app.command(name, help=shown, context_settings=settings)(found or (lambda: None))
+            app.command(name, help=shown, context_settings=settings, rich_help_panel=panel)(found or (lambda: None))
 
-    @app.command()
+    @app.command(rich_help_panel=_PANELS["up"])
     def version() -> None:
         """Print the version."""
         echo(__version__)
@@ -94,10 +106,11 @@ def _docstring(module: str, function: str) -> str | None:
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the command. Never returns. arguments: those of the process by default."""
     arguments = sys.argv[1:] if arguments is None else arguments
+    arguments = ["version"] if list(arguments) == ["--version"] else arguments
     name = arguments[0] if arguments else ""
     code = 0
     try:
-        is_help = list(arguments) in ([], ["--help"], ["version"])
+        is_help = list(arguments) in ([], ["-h"], ["--help"], ["version"])
         command([name] if name in SUBCOMMANDS else SUBCOMMANDS, only_for_help=is_help)(arguments, NAME)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
