@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -438,6 +438,9 @@ class HighController:
         with self._adaptor_in_use:
             if self.stopped:
                 self._halt_if_due()
+                if self.is_stop_confirmed:  # it is not read until it is started again
+                    still = np.zeros_like(self.state.joint_velocities)
+                    self.state = replace(self.state, velocity=ZERO_VELOCITY, joint_velocities=still)
             else:
                 self._use_adaptor()
 

@@ -95,11 +95,9 @@ class ProtectiveField:
 
     def attend(self) -> None:
         """Have the sensors read from now on, as the base is to move."""
-        now = time.monotonic()
-        if now > self._needed_until:
-            self._needed_until = now + 1.0
+        was_needed, self._needed_until = self._is_needed, time.monotonic() + 1.0
+        if not was_needed:
             self._reader.wake()
-        self._needed_until = now + 1.0
 
     def hold(self, vx: float, vy: float) -> float:
         """The speed that is allowed in the direction of the velocity that a motion wants. Raises Obstructed, Blind once
