@@ -211,7 +211,7 @@ def _serve(
     def servant() -> RobotAgentServant:
         return RobotAgentServant(agent, pool_reference, sensors, channel, others, programs)
 
-    orb.activate(servant(), ROBOT_AGENT)
+    orb.activate_for_all(servant(), ROBOT_AGENT)
     orb.serve({path: servant()}, owns_name)
     if channel:
         stops = RobotChannel(orb, channel, name)

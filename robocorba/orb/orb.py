@@ -269,6 +269,11 @@ class Orb:
             id = self._object_adapter.activate_object(servant)
         return self._object_adapter.id_to_reference(id)
 
+    def activate_for_all(self, servant: Any, key: str) -> Any:
+        """The same with a key that everybody knows; in a guarded system with the rights of observers."""
+        checking(servant)  # before its operations are taken
+        return self._activate_with_key(guarded(servant, Role.OBSERVER) if self._guard else servant, key)
+
     def _activate_named(self, servant: Any, name: str) -> Any:
         """The reference of a served object; guarded, that for each role."""
         if self._guard is None:

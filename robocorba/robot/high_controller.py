@@ -12,7 +12,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -438,6 +438,9 @@ class HighController:
         with self._adaptor_in_use:
             if self.stopped:
                 self._halt_if_due()
+                if self.is_stop_confirmed:  # it is not read until it is started again
+                    still = np.zeros_like(self.state.joint_velocities)
+                    self.state = replace(self.state, velocity=ZERO_VELOCITY, joint_velocities=still)
             else:
                 self._use_adaptor()
 
@@ -592,7 +595,7 @@ class HighController:
         # Where ticks are late, the base still brakes as hard as it can.
         step_s = self._since_last_s if cap < math.hypot(*self._velocity[:2]) else TICK_S
         found = self._limited(vx, vy, turn, cap, step_s)
-        if field and math.hypot(*found[:2]) > field.allowed_m_s(*found[:2]):
+        if field and math.hypot(*found[:2]) > field.limit(*found[:2])[0]:
             found = self._limited(0.0, 0.0, turn, 0.0, self._since_last_s)  # in the direction in which it drives
         self._velocity = found
         return *turned(found[0], found[1], -state.heading), found[2]

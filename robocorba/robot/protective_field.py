@@ -1,6 +1,7 @@
 """The protective field: a base slows down and stops before what its own range sensors see, whatever the map says.
 
-A scan is placed on the floor by the robot's pose at its time. What lies where the robot's disc would drive leaves a
+Scans are placed on the floor by the robot's pose at their time, and count until they are too old: a ray without an echo
+does not show that what it met before has gone. What lies where the robot's disc would drive leaves a
 free distance, and the speed is limited to the one from which latency and braking end within it. Only what lies ahead
 counts: a robot may drive away from anything, along a wall, and turn on the spot."""
 
@@ -9,8 +10,10 @@ from __future__ import annotations
 import logging
 import math
 import time
+from collections import deque
 from collections.abc import Callable, Sequence
 
+import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.errors.base import RoboCorbaError
@@ -61,11 +64,11 @@ class ProtectiveField:
         self._on_contact: Callable[[MotionFailed], None] = lambda error: None
         #: Until when the sensors are read, by the clock [s].
         self._needed_until = 0.0
-        #: By sensor: its latest scan, and why it could not be read last.
-        self._scans: dict[str, Scan] = {}
+        #: By sensor: its new scans, and why it could not be read last.
+        self._arrived: dict[str, deque[Scan]] = {}
         self._problems: dict[str, str] = {}
-        #: The last scan of each sensor that was placed, and the same on the floor.
-        self._placed: dict[str, tuple[Scan, Scan]] = {}
+        #: By sensor: its last scans on the floor. Where one ray has no echo, an earlier one had.
+        self._placed: dict[str, deque[Scan]] = {}
         #: Contacts that the bumper has counted; None while nobody reads it.
         self._contacts: float | None = None
         self._state, self._late_s = RobotState(), 0.0
@@ -73,12 +76,6 @@ class ProtectiveField:
         self._held_since: float | None = None
         #: What holds the base, for display; empty if nothing does.
         self.awaited = ""
-
-    @property
-    def sensors(self) -> Sequence[RangeSensor]:
-        """What it looks with; known once the adaptor has started."""
-        senses = self._senses()
-        return senses.sensors if senses else ()
 
     def start(self, on_contact: Callable[[MotionFailed], None]) -> None:
         """on_contact: called after each contact that the bumper counts while the robot is to move."""
@@ -93,24 +90,19 @@ class ProtectiveField:
     def observe(self, state: RobotState, late_s: float = 0.0) -> None:
         """To be called in each control cycle. late_s: from a reading of the state until its command arrives."""
         if self._track.observe(state):
-            self._placed, self._scans = {}, {}
+            self._placed, self._arrived = {}, {}
         self._state, self._late_s = state, late_s
 
     def attend(self) -> None:
         """Have the sensors read from now on, as the base is to move."""
-        now = time.monotonic()
-        if now > self._needed_until:
-            self._needed_until = now + 1.0
+        was_needed, self._needed_until = self._is_needed, time.monotonic() + 1.0
+        if not was_needed:
             self._reader.wake()
-        self._needed_until = now + 1.0
-
-    def allowed_m_s(self, vx: float, vy: float) -> float:
-        """The speed that is allowed in the direction of a velocity, along the floor's axes."""
-        return self._limit(vx, vy)[0]
 
     def hold(self, vx: float, vy: float) -> float:
-        """The same for the velocity that a motion wants. Raises Obstructed, Blind once it has been held for HELD_S."""
-        allowed_m_s, error = self._limit(vx, vy)
+        """The speed that is allowed in the direction of the velocity that a motion wants. Raises Obstructed, Blind once
+        it has been held for HELD_S."""
+        allowed_m_s, error = self.limit(vx, vy)
         self.awaited = f"a free way: {error}" if error else ""
         if error is None:
             self._held_since = None
@@ -123,35 +115,35 @@ class ProtectiveField:
             raise error
         return allowed_m_s
 
-    def _limit(self, vx: float, vy: float) -> tuple[float, MotionFailed | None]:
-        """The allowed speed, and the error if the robot has to stand."""
-        state, speed = self._state, math.hypot(vx, vy)
+    def limit(self, vx: float, vy: float) -> tuple[float, MotionFailed | None]:
+        """The speed that is allowed in the direction of a velocity, along the floor's axes, and the error if the robot
+        has to stand."""
+        state, speed, senses = self._state, math.hypot(vx, vy), self._senses()
         least, seen = math.inf, ("", math.inf, (math.inf, math.inf))
         if speed == 0.0:
             return least, None
-        for sensor in self.sensors:
-            scan, age_s = self._scan(sensor.name)
-            if scan is None or age_s > MAX_AGE_S:
-                why = self._problems.get(sensor.name) or (f"its scan is {age_s:.2f} s old" if scan else "no scan yet")
+        for sensor in senses.sensors if senses else ():
+            scans = self._scans(sensor.name)
+            age_s = max(0.0, state.time - scans[-1].time) if scans else math.inf
+            if age_s > MAX_AGE_S:
+                why = self._problems.get(sensor.name) or (f"its scan is {age_s:.2f} s old" if scans else "no scan yet")
                 return 0.0, Blind(sensor.name, why)
-            found, distance_m, what = allowed_speed(
-                scan.ends[scan.is_hit] - (state.x, state.y), (vx / speed, vy / speed), age_s + self._late_s + REACTION_S
-            )
+            ends = np.concatenate([scan.ends[scan.is_hit] for scan in scans]) - (state.x, state.y)
+            found, distance_m, what = allowed_speed(ends, (vx / speed, vy / speed), age_s + self._late_s + REACTION_S)
             if found < least:
                 least, seen = found, (sensor.name, distance_m, (state.x + what[0], state.y + what[1]))
         return least, Obstructed(state, *seen) if least <= HELD_M_S else None
 
-    def _scan(self, name: str) -> tuple[Scan | None, float]:
-        """The latest scan of a sensor on the floor, and its age [s]."""
-        scan = self._scans.get(name)
-        if scan is None:
-            return None, math.inf
-        placed = self._placed.get(name)
-        if placed is None or placed[0] is not scan:
-            if (pose := self._track.at(scan.time)) is None:
-                return None, math.inf
-            placed = self._placed[name] = scan, scan.placed(pose)
-        return placed[1], max(0.0, self._state.time - scan.time)
+    def _scans(self, name: str) -> Sequence[Scan]:
+        """The scans of a sensor on the floor that are not too old, or the latest one."""
+        placed, arrived = self._placed.setdefault(name, deque()), self._arrived.get(name)
+        while arrived:
+            scan = arrived.popleft()
+            if pose := self._track.at(scan.time):
+                placed.append(scan.placed(pose))
+        while len(placed) > 1 and self._state.time - placed[0].time > MAX_AGE_S:
+            placed.popleft()
+        return placed
 
     # ---- in the thread that reads ----
 
@@ -187,5 +179,6 @@ class ProtectiveField:
             self._on_contact(Bumped(int(contacts - before)))
 
     def _read_ranges(self, senses: Senses, sensor: RangeSensor) -> None:
-        self._scans[sensor.name] = read_scan(senses, sensor, self._carried())
+        scan = read_scan(senses, sensor, self._carried())
+        self._arrived.setdefault(sensor.name, deque(maxlen=20)).append(scan)  # control cycles may be late
         self._problems.pop(sensor.name, None)

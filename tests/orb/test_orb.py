@@ -243,10 +243,12 @@ def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
         editor, nameless = Editor(), Editor()
         orb.serve({"MapEditor": editor})
         own = orb.activate(editor, "MapEditor")  # as servers hand it to each other
-        by_name = orb.reference(orb.uri_at(endpoint, "MapEditor"), RoboCorba.MapEditor)
-        assert by_name._get_currentVersion() == 7
-        with pytest.raises(CORBA.NO_PERMISSION):
-            by_name.undo(7)
+        orb.activate_for_all(Editor(), "Editor")
+        for key in ("Editor", "MapEditor"):
+            by_key = orb.reference(orb.uri_at(endpoint, key), RoboCorba.MapEditor)
+            assert by_key._get_currentVersion() == 7
+            with pytest.raises(CORBA.NO_PERMISSION):
+                by_key.undo(7)
         secret = orb.activate(Editor(), "MapEditor/secret")
         assert orb.reference(orb.uri_at(endpoint, "MapEditor/secret"), RoboCorba.MapEditor)._non_existent()
         # As servers find an object of another one, which has the same secret.
@@ -254,7 +256,7 @@ def test_what_a_guarded_process_serves(naming: RoleNaming) -> None:
         assert [each.undo(7) for each in (own, secret, found, orb.activate(nameless))] == [8] * 4
         orb.deactivate(nameless)
         orb.withdraw("MapEditor")
-        assert by_name._non_existent()
+        assert by_key._non_existent()
 
 
 def test_tls_without_its_transport_is_one_line() -> None:

@@ -7,6 +7,7 @@ import functools
 import threading
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -45,6 +46,8 @@ from robocorba.simulation.emergency_stops import StopAnswer, StopRecord
 from robocorba.simulation.registry import Description, RobotClient
 from robocorba.simulation.sensing.scan import LASER, Mount, ScanSpec
 from robocorba.stubs import RoboCorba
+from robocorba.system.roles import Role
+from robocorba.system.settings import RoleNaming
 from testkit.processes import eventually
 from tests.simulation.places import robot
 
@@ -97,6 +100,17 @@ def servant(agent: Any) -> RobotAgentServant:
 
 def findings(check: Any) -> list[tuple[str, str, str, str]]:
     return [(found.kind._n, found.icon, found.parameter, found.reason) for found in check.findings]
+
+
+def test_a_role_finds_by_its_name_the_robot_at_an_address() -> None:
+    def found(where: str, *_: object) -> Any:
+        return SimpleNamespace(_get_name=lambda: "A", _get_mission=lambda: where)
+
+    naming = RoleNaming("a", 1, "key", Role.OPERATOR, Path("file"))
+    orb: Any = SimpleNamespace(
+        naming=naming, reference=found, resolve=found, uri_at="at {}".format, uri=lambda agent: ""
+    )
+    assert RemoteAgent(orb, "a:2").mission() == "Robots/A"
 
 
 def test_checks_of_programs(servant: RobotAgentServant, agent: ServedAgent) -> None:

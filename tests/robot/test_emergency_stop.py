@@ -99,7 +99,7 @@ class Stepped(HighController):
     _silent_s = 0.0
 
     def __init__(self, *parts: Any, field: ProtectiveField | None) -> None:
-        assert not field or not field.sensors
+        assert not field or field.limit(1.0, 0.0)[1] is None
         # A reset within another one does not wait for it.
         super().__init__(*parts, timing=Timing(refresh_limit_s=0.0, check_interval_s=600.0, end_limit_s=0.0))
 

@@ -345,6 +345,7 @@ def test_a_stop_of_the_latch_reaches_the_adaptor(adaptor: Watched, hangs: bool) 
     eventually(lambda: high.is_stop_confirmed, "that it stands")
     assert adaptor.stops == 1
     adaptor.go_on()
+    eventually(lambda: not any(high.state.velocity), "that its state says so")
     high.close()
 
 

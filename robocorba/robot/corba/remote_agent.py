@@ -21,7 +21,7 @@ from robocorba.robot.programs.report import CheckReport
 from robocorba.stubs import RoboCorba
 from robocorba.system.background import Background
 from robocorba.system.names import ROBOT_AGENT, ROBOTS
-from robocorba.system.settings import Address
+from robocorba.system.settings import Address, RoleNaming
 
 
 class OrderLimits(NamedTuple):
@@ -40,7 +40,8 @@ CALM = OrderLimits(16, 5.0, 60.0)
 
 
 class RemoteAgent:
-    """The agent of the robot `name`, or of the one whose computer listens at HOST:PORT, without a naming service.
+    """The agent of the robot `name`, or of the one whose computer listens at HOST:PORT, without a naming service. A
+    role of a guarded system has its rights by the naming service, so it asks the computer for the robot's name only.
 
     Raises NotReachable if it is not found within `timeout_s`, and in calls that it does not answer within 3 s, or 40 s
     where it checks a program or starts an adaptor; InvalidSetting for a wrong HOST:PORT."""
@@ -51,8 +52,8 @@ class RemoteAgent:
             at = orb.uri_at(Address.parse(name, "address of the robot's computer"), ROBOT_AGENT)
             self._agent = orb.reference(at, RoboCorba.RobotAgent, 3.0)
             self.name = str(self._call(self._agent._get_name))
-        else:
-            self._agent = orb.resolve(f"{ROBOTS}/{name}", RoboCorba.RobotAgent, timeout_s, 3.0)
+        if ":" not in name or isinstance(orb.naming, RoleNaming):
+            self._agent = orb.resolve(f"{ROBOTS}/{self.name}", RoboCorba.RobotAgent, timeout_s, 3.0)
         self._slow_agent = orb.reference(orb.uri(self._agent), RoboCorba.RobotAgent, 40.0)
 
     def state(self) -> AgentState:
