@@ -52,7 +52,7 @@ ADAPTORS = ("simulated", "driver")
 #: What may happen at a point: a method of World.
 MEANWHILE = (
     *("stop", "stop_at_server", "stop_all", "end_stop_of_all", "deliver", "report", "reset"),
-    *("lose", "come_back", "expire", "evict", "admit", "start_server", "damage"),
+    *("lose", "come_back", "expire", "evict", "admit", "start_server", "damage", "reset_at_server"),
 )
 #: The number of points before it, and what happens.
 Script = list[tuple[int, str]]
@@ -224,7 +224,8 @@ class RobotSession:
             session, until = self._call(), self._world.moment()
             answer = self._world.stops.report_stop(session, reason)
             for stop in self._world.standing:
-                stop.is_durable |= stop.began < until
+                if stop.began < until:
+                    stop.is_durable, stop.is_ended_at_server = True, False
             self._world.point()
             if self._world.is_away:  # the answer is lost
                 raise ServerAway("away")
@@ -242,11 +243,12 @@ class RobotSession:
 
 
 class Stop:
-    """A stop that no later reset has ended. is_durable: it outlives the robot's process. is_own: a defect of that
-    process, which ends with it, and is not reported."""
+    """A stop that no later reset of the robot has ended. is_durable: it outlives the robot's process. is_own: a defect
+    of that process, which ends with it, and is not reported. is_ended_at_server: only that process holds it."""
 
     def __init__(self, began: int, is_durable: bool, is_own: bool = False) -> None:
         self.began, self.is_durable, self.is_own = began, is_durable, is_own
+        self.is_ended_at_server = False
 
 
 class World:
@@ -346,6 +348,7 @@ class World:
             *(self.folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: True, self._stop_target),
         )
         if is_damaged:
+            self.note_end_at_server()
             self.is_all_stopped = True
             for _ in self.agent.sessions:
                 self.note_log_on()  # the server knows nothing of it
@@ -416,7 +419,7 @@ class World:
             Steps.tasks["emergency stop"]()
         if not self.is_away and self.session.present:  # one that is kept out can't report
             for stop in self.standing:
-                stop.is_durable = True
+                stop.is_durable |= not stop.is_ended_at_server
         self.script = script
 
     def deliver(self) -> None:
@@ -430,6 +433,19 @@ class World:
         except RobotError:
             return
         self.standing = [stop for stop in self.standing if stop.began > began]
+
+    def reset_at_server(self) -> None:
+        with contextlib.suppress(UnknownRobot):
+            self.stops.reset_robot(NAME)
+        self.note_end_at_server()
+
+    def note_end_at_server(self) -> None:
+        """What has stopped the robot's process, too, stands there."""
+        if not self.control.stopped:
+            self.standing.clear()
+        for stop in self.standing:
+            stop.is_ended_at_server |= stop.is_durable
+            stop.is_durable = False
 
     def kill_robot(self) -> None:
         self.end_robot()
@@ -545,10 +561,10 @@ class Stops(RuleBasedStateMachine):
         self.world.script = script
         self.world.fail()
 
-    @rule(way=st.sampled_from(["stop_at_server", "stop_all"]), is_killed=st.booleans())
-    def evict_and_admit(self, way: str, is_killed: bool) -> None:
+    @rule(way=st.sampled_from(["stop_at_server", "stop_all"]), is_reset=st.booleans(), is_killed=st.booleans())
+    def evict_and_admit(self, way: str, is_reset: bool, is_killed: bool) -> None:
         """A robot that was stopped logs on again, perhaps as another process."""
-        for what in (way, "evict", "admit"):
+        for what in (way, "evict", *(["reset_at_server"] if is_reset else []), "admit"):
             self.world.happen(what)
         if is_killed:
             self.world.kill_robot()
@@ -571,12 +587,21 @@ class Stops(RuleBasedStateMachine):
             assert world.control.stopped or world.is_held_on_disk, "a stop is lost"
 
 
-def test_a_robot_that_logs_on_again_is_held_by_the_stop_of_all_though_it_was_reset_before() -> None:
-    """Its name is new to the server then; the numbers of its stops are others."""
+@pytest.mark.parametrize(
+    "happens",
+    [
+        # The stop of all holds one that was reset and logs on again. Its name is new to the server then; the numbers of
+        # its stops are others.
+        ("stop_all", "deliver", "reset", "expire", "stop", "reset"),
+        # The server's stop, which ends there, was not the robot's own.
+        ("stop", "stop_at_server", "deliver", "reset_at_server", "report", "kill_robot"),
+    ],
+)
+def test_no_stop_is_lost(happens: Sequence[str]) -> None:
     machine: Any = Stops()  # type: ignore[no-untyped-call]
     machine.begin()
     with contextlib.closing(machine.world), machine._closing.pop_all():
-        for what in ("stop_all", "deliver", "reset", "expire", "stop", "reset"):
+        for what in happens:
             machine.world.happen(what)
         machine.holds()
 
