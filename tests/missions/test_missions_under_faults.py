@@ -264,7 +264,11 @@ class Leaders:
 
     def start(self, leader: str, mission: str, icon: str, term: int) -> None:
         program = cooperation.of_icon(icon)
-        self._call(leader, lambda process: process.cooperation.lead_mission(mission, program, term))
+        try:
+            self._call(leader, lambda process: process.cooperation.lead_mission(mission, program, term))
+        except IllegalOrder:
+            self._world.refused.add((mission, term))
+            raise
 
     def abort(self, leader: str, mission: str) -> None:
         self._call(leader, lambda process: process.cooperation.abort_mission(mission))
@@ -375,6 +379,8 @@ class World:
         self.held: list[str] = []
         #: The leaders of each mission and term, by their messages; the attempts of each.
         self.led_in: defaultdict[tuple[str, int], set[str]] = defaultdict(set)
+        #: The missions and terms that robots did not accept to lead.
+        self.refused: set[tuple[str, int]] = set()
         self.writes = 0
         self.wrong: list[str] = []
         #: When leaders accepted the abort of their missions.
@@ -446,6 +452,8 @@ class World:
         if after.term < before.term:
             self.wrong.append(f"the term of {name} falls from {before.term} to {after.term}")
         if after.leader == before.leader or before.is_offered or after.is_offered:
+            return
+        if (name, before.term) in self.refused:
             return
         if after.term == before.term:
             self.wrong.append(f"{after.leader} leads {name} in the term of {before.leader}")
@@ -597,7 +605,9 @@ class Missions(RuleBasedStateMachine):
                 self.world.bus.disconnected.add(name)
             if how == "gets no assignments":
                 self.world.bus.lost.add((name, "mission.proposal"))
-            self.is_split = self.is_split or how == "gets no calls"
+            is_under_way = any(each.part and not each.part.has_ended for each in self.world.robots.values())
+            is_unheard = how in ("gets no events", "is cut off") and not is_under_way  # nobody's offer comes to it
+            self.is_split = self.is_split or is_unheard or how == "gets no calls"
             if how in ("gets no calls", "is cut off"):
                 self.world.cut_off.add(name)
         self.run_for(for_s)
@@ -605,6 +615,16 @@ class Missions(RuleBasedStateMachine):
             for name in names:
                 self.mend(name)
             self.run_for(then_s)
+
+    @rule(robots=st.sets(ROBOT, min_size=2, max_size=2), then_s=FOR_S)
+    def robots_are_started_again(self, robots: set[int], then_s: float) -> None:
+        """At once, so that nobody has missed them: they know nothing of the mission any more."""
+        for name in [self.name(robot) for robot in sorted(robots)]:
+            self.troubled.add(name)
+            self.world.trouble_at[name] = self.time.now
+            self.world.kill(name)
+            self.mend(name)
+        self.run_for(then_s)
 
     @rule(for_s=FOR_S, then_s=FOR_S)
     def mission_control_is_started_again(self, for_s: float, then_s: float) -> None:
