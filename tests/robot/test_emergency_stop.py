@@ -246,7 +246,7 @@ class Stop:
 
     def __init__(self, began: int, is_durable: bool, is_own: bool = False) -> None:
         self.began, self.is_durable, self.is_own = began, is_durable, is_own
-        self.is_ended_at_server = False
+        self.is_of_server, self.is_ended_at_server = is_durable, False
 
 
 class World:
@@ -438,9 +438,8 @@ class World:
         self.note_end_at_server()
 
     def note_end_at_server(self) -> None:
-        """What has stopped the robot's process, too, stands there."""
-        if not self.control.stopped:
-            self.standing.clear()
+        """The robot's own stops stand in its process."""
+        self.standing = [stop for stop in self.standing if not stop.is_of_server]
         for stop in self.standing:
             stop.is_ended_at_server |= stop.is_durable
             stop.is_durable = False
