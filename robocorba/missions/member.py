@@ -117,9 +117,9 @@ class Member:
             is_end = bool(order.end and not self._order.end)
             if order.sent >= self._order.sent and not self._order.end:  # what has ended stays so
                 self._order = order
+            if is_end and order.end != "done":
+                self._robot.execution.end_part(order.reason)
             self._changed.notify_all()
-        if is_end and order.end != "done":
-            self._robot.execution.end_part(order.reason)
 
     def _change_leader(self, order: Order) -> None:
         """Stand where the last orders have ended until the new leader's next ones."""
@@ -163,11 +163,12 @@ class Member:
                 execution.pause()
 
     def abort(self, reason: str) -> None:
-        """End the part safely, as if the leader had ordered it."""
-        with self._changed:
-            self._order = replace(self._order, end="aborted", reason=reason, sent=OWN_CLOCK.now())
+        """End the part safely, as if the leader had ordered it, unless it ends already."""
+        with self._changed:  # `run` drops the interruption once it sees the end: a later one would hit the next part
+            if not self._order.end:
+                self._order = replace(self._order, end="aborted", reason=reason, sent=OWN_CLOCK.now())
+                self._robot.execution.end_part(reason)
             self._changed.notify_all()
-        self._robot.execution.end_part(reason)
 
     @property
     def is_holding(self) -> bool:

@@ -188,11 +188,12 @@ class LeaderWatch:
 
     def _offer(self, state: MissionState) -> None:
         """Let the nearest of the other robots lead a mission that can."""
-        gone, icon = state.content.leader, state.content.icon
+        gone = may_lead = state.content.leader
+        icon = state.content.icon
         others = [robot for robot in self._nearest(state.content.about) if robot != gone]
         for robot in others[:MAX_ASKED] if icon else ():
             # Just before: it may have come back, or have accepted without its answer being received.
-            if self._is_closed or self._led_by(state.content.leader) == state.name:
+            if self._is_closed or (may_lead and self._led_by(may_lead) == state.name):
                 return
             given = self._missions.give(state, robot, f"{gone} was gone")
             if given is None:
@@ -202,6 +203,7 @@ class LeaderWatch:
                 self._leaders.start(robot, state.name, json.dumps(icon), state.content.term)
             except RoboCorbaError as error:
                 _log.info("mission %s: its leader %s is gone, and %s", state.name, gone, error)
+                may_lead = robot if isinstance(error, NotReachable) else ""  # one that refuses may take part in it
             else:
                 _log.warning("mission %s: its leader %s is gone; %s leads it now", state.name, gone, robot)
                 return

@@ -54,9 +54,10 @@ class EmergencyStop:
         if number and number == self._known and self.latch.is_on:
             return
         with self._changed:
-            self._to_report = self.latch.stop(reason)
+            was_pending, self._to_report = self._is_pending, self.latch.stop(reason)
             if number:
-                self._known, self._reported = number, self._to_report
+                # The server may end its stop before it knows of an earlier one of the robot.
+                self._known, self._reported = number, self._reported if was_pending else self._to_report
         self._reporter.wake()
 
     def wait_until_reported(self, limit_s: float) -> bool:
@@ -125,13 +126,13 @@ class EmergencyStop:
         if self._is_pending:
             number = self._to_report
             is_new, hold = self._session.report_stop(self.latch.reason)
+            with self._changed:
+                self._reported = max(self._reported, number)
+                self._changed.notify_all()
             if is_new:
                 self._known = hold.number
             else:
                 self._learn(hold)
-            with self._changed:
-                self._reported = max(self._reported, number)
-                self._changed.notify_all()
 
     def _learn(self, hold: StopHold) -> None:
         """Latch a stop of the server that is not in the latch yet."""

@@ -51,7 +51,8 @@ class OmniDatabase:
         with self._lock:
             physics = self._building.occupants.floors.get(name)
             if physics is None:
-                self._floors.pop(name, None)
+                if gone := self._floors.pop(name, None):  # another floor that gets its name has none of its versions
+                    self._first_version = max(self._first_version, gone.version + 1)
                 raise UnknownFloor("floorName", name, self.floors)
             floor = self._floors.setdefault(name, _FloorVersions(self._first_version))
             floor.update(physics.snapshot, self._building.occupants.published, self._building.elevators.states_on(name))

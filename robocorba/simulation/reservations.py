@@ -200,13 +200,12 @@ class Reservations:
 
     def rename_floors(self, names: Mapping[str, str]) -> None:
         """Follow the map: names of its floors by their former ones. Areas of floors that are gone block nobody."""
-
-        def now(floor: str) -> str:
-            return names.get(floor, GONE if floor in names.values() else floor)
-
         for request in (*self.requests.values(), *self._kept):
-            request.areas = tuple((now(floor), polygon) for floor, polygon in request.areas)
-            request.shapes = {now(floor): shape for floor, shape in request.shapes.items()}
+            request.areas = tuple((names.get(floor, GONE), polygon) for floor, polygon in request.areas)
+            request.shapes = {names[floor]: shape for floor, shape in request.shapes.items() if floor in names}
+        for request in self.requests.values():
+            request.ahead = {other for other in request.ahead if request.overlaps(other)}
+        self._grant()
 
     def _release_others(self, request: QueuedRequest) -> None:
         """The areas of a request have changed: others that no longer overlap it do not wait for it any more."""
@@ -331,10 +330,11 @@ def check_sizes(polygons: Sequence[Sequence[object]]) -> None:
 
 
 def _shapes(areas: Iterable[FloorArea]) -> dict[str, BaseGeometry]:
-    """Union of areas on each floor, shrunk by EDGE_M."""
+    """Union of areas on each floor, shrunk by EDGE_M; without those of floors that are gone."""
     polygons: dict[str, list[BaseGeometry]] = {}
     for floor, polygon in areas:
         polygons.setdefault(floor, []).append(shapely.Polygon(polygon))
+    polygons.pop(GONE, None)
     shapes = {floor: shapely.union_all(parts).buffer(-EDGE_M, join_style="mitre") for floor, parts in polygons.items()}
     for shape in shapes.values():
         shapely.prepare(shape)

@@ -264,7 +264,11 @@ class Leaders:
 
     def start(self, leader: str, mission: str, icon: str, term: int) -> None:
         program = cooperation.of_icon(icon)
-        self._call(leader, lambda process: process.cooperation.lead_mission(mission, program, term))
+        try:
+            self._call(leader, lambda process: process.cooperation.lead_mission(mission, program, term))
+        except IllegalOrder:
+            self._world.refused.add((mission, term))
+            raise
 
     def abort(self, leader: str, mission: str) -> None:
         self._call(leader, lambda process: process.cooperation.abort_mission(mission))
@@ -375,9 +379,12 @@ class World:
         self.held: list[str] = []
         #: The leaders of each mission and term, by their messages; the attempts of each.
         self.led_in: defaultdict[tuple[str, int], set[str]] = defaultdict(set)
+        #: The missions and terms that robots did not accept to lead.
+        self.refused: set[tuple[str, int]] = set()
         self.writes = 0
         self.wrong: list[str] = []
-        #: When leaders accepted the abort of their missions.
+        #: Whether a user wanted an abort; when leaders accepted the abort of their missions, as far as that was heard.
+        self.is_abort_wanted = False
         self.aborted: dict[str, float] = {}
         self.server: MissionDirectory | None = None
         self.control: MissionControl
@@ -414,6 +421,8 @@ class World:
         self.time.begin(SERVER, start)
 
     def abort(self, mission: str) -> None:
+        self.is_abort_wanted = True
+
         def abort() -> None:
             with contextlib.suppress(NoLeader, UnknownMission):
                 self.control.abort(mission)
@@ -446,6 +455,8 @@ class World:
         if after.term < before.term:
             self.wrong.append(f"the term of {name} falls from {before.term} to {after.term}")
         if after.leader == before.leader or before.is_offered or after.is_offered:
+            return
+        if (name, before.term) in self.refused:
             return
         if after.term == before.term:
             self.wrong.append(f"{after.leader} leads {name} in the term of {before.leader}")
@@ -597,7 +608,9 @@ class Missions(RuleBasedStateMachine):
                 self.world.bus.disconnected.add(name)
             if how == "gets no assignments":
                 self.world.bus.lost.add((name, "mission.proposal"))
-            self.is_split = self.is_split or how == "gets no calls"
+            is_under_way = any(each.part and not each.part.has_ended for each in self.world.robots.values())
+            is_unheard = how in ("gets no events", "is cut off") and not is_under_way  # nobody's offer comes to it
+            self.is_split = self.is_split or is_unheard or how == "gets no calls"
             if how in ("gets no calls", "is cut off"):
                 self.world.cut_off.add(name)
         self.run_for(for_s)
@@ -605,6 +618,16 @@ class Missions(RuleBasedStateMachine):
             for name in names:
                 self.mend(name)
             self.run_for(then_s)
+
+    @rule(robots=st.sets(ROBOT, min_size=2, max_size=2), then_s=FOR_S)
+    def robots_are_started_again(self, robots: set[int], then_s: float) -> None:
+        """At once, so that nobody has missed them: they know nothing of the mission any more."""
+        for name in [self.name(robot) for robot in sorted(robots)]:
+            self.troubled.add(name)
+            self.world.trouble_at[name] = self.time.now
+            self.world.kill(name)
+            self.mend(name)
+        self.run_for(then_s)
 
     @rule(for_s=FOR_S, then_s=FOR_S)
     def mission_control_is_started_again(self, for_s: float, then_s: float) -> None:
@@ -696,7 +719,7 @@ class Missions(RuleBasedStateMachine):
         # Mission control gives a mission away whose leader it does not reach, though the members still do.
         if not self.is_split and len(self.troubled) <= 1 and SERVER not in self.troubled and self.failures <= 2:
             assert last
-            if not world.aborted:
+            if not world.is_abort_wanted:
                 assert last.result is MissionResult.DONE, f"{self.troubled} had troubles: {last.reason}"
             elif not self.troubled:
                 assert last.result in (MissionResult.DONE, MissionResult.ABORTED), last
@@ -719,6 +742,8 @@ def a_mission_led_by_a(for_s: float) -> Iterator[Missions]:
         (10.0, "gets no events", 12.0),
         # Mission control, which does not reach it, lets another robot lead.
         (4.0, "gets no calls", 45.0),
+        # It comes back when another one has claimed the mission, whose part under it ends meanwhile.
+        (14.0, "is cut off", 5.0),
         # It assigns parts after another robot has led the mission to its end.
         *((begins_s, "hangs", 60.0) for begins_s in (1.0, 1.25, 1.5, 1.75, 2.0)),
     ],

@@ -25,7 +25,6 @@ from robocorba.robot import agent as agent_module
 from robocorba.robot import emergency_stop, model_switcher, session
 from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.agent import ControlAgent
-from robocorba.robot.emergency_stop import EmergencyStop
 from robocorba.robot.high_controller import HighController, Timing
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.model_switcher import AdaptorContext
@@ -40,7 +39,6 @@ from robocorba.simulation.management_agent import ManagementAgent
 from robocorba.simulation.registry import Pose
 from robocorba.simulation.session import Session
 from robocorba.simulation.store import SimulationStore
-from robocorba.system.stop_latch import StopLatch
 from tests.robot.places import Channel, eventually
 from tests.simulation.places import robot, tower
 
@@ -52,7 +50,7 @@ ADAPTORS = ("simulated", "driver")
 #: What may happen at a point: a method of World.
 MEANWHILE = (
     *("stop", "stop_at_server", "stop_all", "end_stop_of_all", "deliver", "report", "reset"),
-    *("lose", "come_back", "expire", "evict", "admit", "start_server", "damage"),
+    *("lose", "come_back", "expire", "evict", "admit", "start_server", "damage", "reset_at_server"),
 )
 #: The number of points before it, and what happens.
 Script = list[tuple[int, str]]
@@ -224,7 +222,8 @@ class RobotSession:
             session, until = self._call(), self._world.moment()
             answer = self._world.stops.report_stop(session, reason)
             for stop in self._world.standing:
-                stop.is_durable |= stop.began < until
+                if stop.began < until:
+                    stop.is_durable, stop.is_ended_at_server = True, False
             self._world.point()
             if self._world.is_away:  # the answer is lost
                 raise ServerAway("away")
@@ -242,11 +241,12 @@ class RobotSession:
 
 
 class Stop:
-    """A stop that no later reset has ended. is_durable: it outlives the robot's process. is_own: a defect of that
-    process, which ends with it, and is not reported."""
+    """A stop that no later reset of the robot has ended. is_durable: it outlives the robot's process. is_own: a defect
+    of that process, which ends with it, and is not reported. is_ended_at_server: only that process holds it."""
 
     def __init__(self, began: int, is_durable: bool, is_own: bool = False) -> None:
         self.began, self.is_durable, self.is_own = began, is_durable, is_own
+        self.is_of_server, self.is_ended_at_server = is_durable, False
 
 
 class World:
@@ -346,6 +346,7 @@ class World:
             *(self.folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: True, self._stop_target),
         )
         if is_damaged:
+            self.note_end_at_server()
             self.is_all_stopped = True
             for _ in self.agent.sessions:
                 self.note_log_on()  # the server knows nothing of it
@@ -416,7 +417,7 @@ class World:
             Steps.tasks["emergency stop"]()
         if not self.is_away and self.session.present:  # one that is kept out can't report
             for stop in self.standing:
-                stop.is_durable = True
+                stop.is_durable |= not stop.is_ended_at_server
         self.script = script
 
     def deliver(self) -> None:
@@ -430,6 +431,18 @@ class World:
         except RobotError:
             return
         self.standing = [stop for stop in self.standing if stop.began > began]
+
+    def reset_at_server(self) -> None:
+        with contextlib.suppress(UnknownRobot):
+            self.stops.reset_robot(NAME)
+        self.note_end_at_server()
+
+    def note_end_at_server(self) -> None:
+        """The robot's own stops stand in its process."""
+        self.standing = [stop for stop in self.standing if not stop.is_of_server]
+        for stop in self.standing:
+            stop.is_ended_at_server |= stop.is_durable
+            stop.is_durable = False
 
     def kill_robot(self) -> None:
         self.end_robot()
@@ -545,10 +558,10 @@ class Stops(RuleBasedStateMachine):
         self.world.script = script
         self.world.fail()
 
-    @rule(way=st.sampled_from(["stop_at_server", "stop_all"]), is_killed=st.booleans())
-    def evict_and_admit(self, way: str, is_killed: bool) -> None:
+    @rule(way=st.sampled_from(["stop_at_server", "stop_all"]), is_reset=st.booleans(), is_killed=st.booleans())
+    def evict_and_admit(self, way: str, is_reset: bool, is_killed: bool) -> None:
         """A robot that was stopped logs on again, perhaps as another process."""
-        for what in (way, "evict", "admit"):
+        for what in (way, "evict", *(["reset_at_server"] if is_reset else []), "admit"):
             self.world.happen(what)
         if is_killed:
             self.world.kill_robot()
@@ -571,109 +584,82 @@ class Stops(RuleBasedStateMachine):
             assert world.control.stopped or world.is_held_on_disk, "a stop is lost"
 
 
-def test_a_robot_that_logs_on_again_is_held_by_the_stop_of_all_though_it_was_reset_before() -> None:
-    """Its name is new to the server then; the numbers of its stops are others."""
+@pytest.fixture
+def world() -> Iterator[World]:
     machine: Any = Stops()  # type: ignore[no-untyped-call]
     machine.begin()
     with contextlib.closing(machine.world), machine._closing.pop_all():
-        for what in ("stop_all", "deliver", "reset", "expire", "stop", "reset"):
-            machine.world.happen(what)
+        yield machine.world
         machine.holds()
+
+
+@pytest.mark.parametrize(
+    "happens",
+    [
+        # The stop of all holds one that was reset and logs on again. Its name is new to the server then; the numbers of
+        # its stops are others.
+        ("stop_all", "deliver", "reset", "expire", "stop", "reset"),
+        # The server's stop, which ends there, was not the robot's own.
+        ("stop", "stop_at_server", "deliver", "reset_at_server", "report", "kill_robot"),
+    ],
+)
+def test_no_stop_is_lost(world: World, happens: Sequence[str]) -> None:
+    for what in happens:
+        world.happen(what)
+
+
+@pytest.mark.parametrize(
+    ("what", "points", "reason"),
+    [
+        ("stop", 0, "was stopped again: button"),
+        ("stop_at_server", 3, "is held by the simulation server: fire; reset it again"),
+    ],
+)
+def test_a_reset_that_is_refused_for_a_later_stop_has_reported_it(
+    world: World, what: str, points: int, reason: str
+) -> None:
+    for each in (what, "deliver"):
+        world.happen(each)
+    world.script = [(points, what)]
+    with pytest.raises(IllegalOrder, match=reason):
+        world.control.reset_stop()
+    assert world.control.stopped and world.is_held_on_disk
+
+
+@pytest.mark.parametrize("is_answer_lost", [True, False])
+def test_a_stop_whose_end_got_no_answer_or_that_the_server_has_lost_is_reported_again(
+    world: World, is_answer_lost: bool
+) -> None:
+    world.stop()
+    world.report()
+    if is_answer_lost:
+        world.script = [(7, "lose")]
+        world.reset()
+        assert world.is_away and not world.is_held_on_disk
+        world.come_back()
+    else:
+        (world.folder / "stops.json").unlink()
+        world.start_server()
+        world.expire()
+        world.session.log_on()
+        world.control._emergency.attend()
+    world.report()
+    assert world.is_held_on_disk
+
+
+def test_a_server_that_could_not_write_the_end_of_a_stop_holds_the_robot_again(world: World) -> None:
+    """After its restart, by the same number."""
+    world.stop_at_server()
+    world.deliver()
+    held = (world.folder / "stops.json").read_bytes()
+    world.reset()
+    assert not world.control.stopped
+    (world.folder / "stops.json").write_bytes(held)
+    world.start_server()
+    world.stops.states([])
+    world.deliver()
+    assert world.control.stopped
 
 
 TestStops = Stops.TestCase
 TestStops.settings = settings(deadline=None, max_examples=50, stateful_step_count=30)
-
-
-class ReportingSession:
-    """A session whose server holds what the robot reports. is_away: the answers of `end_stops` are lost."""
-
-    def __init__(self) -> None:
-        self.latch = StopLatch()
-        self.is_away = False
-        self.meanwhile: Callable[[], object] = lambda: None
-
-    @property
-    def held(self) -> StopHold:
-        return StopHold(self.latch.is_on, self.latch.number, self.latch.reason)
-
-    def hold(self) -> StopHold:
-        return self.held
-
-    def report_stop(self, reason: str) -> tuple[bool, StopHold]:
-        is_new = not self.latch.is_on
-        if is_new:
-            self.latch.stop(reason)
-        return is_new, self.held
-
-    def end_stops(self, number: int) -> StopHold:
-        self.latch.end(number)
-        hold = self.held
-        self.meanwhile()
-        if self.is_away:
-            raise ServerAway("away")
-        return hold
-
-
-@pytest.fixture
-def server() -> Any:
-    return ReportingSession()
-
-
-@pytest.fixture
-def stop(server: Any) -> EmergencyStop:
-    return EmergencyStop(server)
-
-
-def test_a_reset_that_is_refused_for_a_later_stop_has_reported_that_one(server: Any, stop: EmergencyStop) -> None:
-    stop.stop("button")
-    seen = stop.latch.number
-    stop.stop("another button")
-    with pytest.raises(IllegalOrder, match="was stopped again: another button"):
-        stop.end(seen)
-    assert server.latch.is_on and stop.wait_until_reported(0.0)
-    server.meanwhile = lambda: stop.stop("during the call")
-    stop.end(stop.latch.number)
-    assert server.latch.reason == stop.latch.reason == "during the call"
-    server.meanwhile = lambda: None
-    server.latch.stop("smoke")
-    with pytest.raises(IllegalOrder, match="is held by the simulation server: smoke"):
-        stop.end(stop.latch.number)
-    assert stop.latch.is_on
-
-
-def test_a_stop_whose_end_got_no_answer_or_that_the_server_has_lost_is_reported_again(
-    server: Any, stop: EmergencyStop
-) -> None:
-    stop.stop("button")
-    server.is_away = True
-    with pytest.raises(RobotLost):
-        stop.end(stop.latch.number)
-    assert stop.latch.is_on and not server.latch.is_on and not stop.wait_until_reported(0.0)
-    server.is_away = False
-    stop.end(stop.latch.number)
-    assert not stop.latch.is_on
-    stop.stop("fire", 3)
-    stop.attend()
-    assert not stop.wait_until_reported(0.0)
-    stop.start()
-    assert stop.wait_until_reported(60.0) and server.latch.reason == "fire"
-    stop.close()
-
-
-def test_a_repeated_delivery_is_another_stop_after_a_reset_and_the_server_s_is_learned_again(
-    server: Any, stop: EmergencyStop
-) -> None:
-    """As after a restart of the server that could not write its end."""
-    for _ in range(2):
-        stop.stop("fire", 3)
-        stop.stop("fire", 3)
-        number = stop.latch.number
-        assert stop.latch.is_on
-        stop.latch.end(number)
-    assert number == 2
-    server.latch.stop("smoke")
-    for _ in range(2):
-        stop.attend()
-        assert stop.latch.reason == "smoke"
-        stop.latch.end(stop.latch.number)

@@ -14,10 +14,13 @@ from robocorba.simulation.reservations import KEPT_S, Reservation, ReservedAreas
 
 #: A rectangle of squares: number of the floor, x, y, width and height [m].
 Box = tuple[int, int, int, int, int]
+#: Number of a floor that is gone; its name is the last one.
+NOWHERE = -1
 
 
 def squares(boxes: Iterable[Box]) -> set[tuple[int, int, int]]:
-    return {(floor, x + i, y + j) for floor, x, y, w, h in boxes for i in range(w) for j in range(h)}
+    here = [box for box in boxes if box[0] != NOWHERE]
+    return {(floor, x + i, y + j) for floor, x, y, w, h in here for i in range(w) for j in range(h)}
 
 
 def areas(boxes: Iterable[Box], floors: Sequence[str]) -> tuple[FloorArea, ...]:
@@ -128,6 +131,11 @@ class AreaModel:
         request.owner, request.kept_until = owner, math.inf
         self.kept.remove(request)
         return True
+
+    def remove_floor(self, number: int) -> None:
+        for one in self.queue:
+            one.boxes = [(NOWHERE if box[0] == number else box[0], *box[1:]) for box in one.boxes]
+        self.settle()
 
     def pass_time(self, until: float) -> list[tuple[str, str]]:
         """The owners whose grants ended, in this order, and why."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import UpdateMismatch
-from robocorba.map_editor.model import BoxShape, MapObject
+from robocorba.map_editor.model import BoxShape, ElementKind, MapObject
 from robocorba.map_editor.spatial.elevator_state import Doors
 from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorView
 from robocorba.simulation.building import SimulatedBuilding
@@ -57,6 +57,18 @@ def test_updates_hold_the_whole_floor_then_changes() -> None:
         database.changes("roof", WHOLE)
     with pytest.raises(UpdateMismatch):
         view.apply(first._replace(since=5))
+
+
+def test_another_floor_of_the_same_name_comes_whole() -> None:
+    """Also if somebody has asked for it meanwhile."""
+    world = SimulatedBuilding(tower())
+    database = OmniDatabase(world)
+    before = database.floor("L1")
+    world.update(tower().without(ElementKind.FLOOR, "", "L1").without(ElementKind.ELEVATOR, "", "E1"))
+    with pytest.raises(UnknownFloor):
+        database.floor("L1")
+    world.update(tower())
+    assert database.changes("L1", before.version).since == WHOLE
 
 
 def test_a_renamed_object_is_the_same_body() -> None:

@@ -6,7 +6,7 @@ Nobody drives: robots are put where they would drive to, if the doors let them."
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -26,7 +26,7 @@ from robocorba.simulation import building as building_module
 from robocorba.simulation import elevators as elevators_module
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.elevator import BOARDING_LIMIT_S, BOARDING_MARGIN_S, RidePhase
-from robocorba.simulation.reservations import area_request
+from robocorba.simulation.reservations import GONE, area_request
 from robocorba.simulation.simulation_event import SimulationEvent
 from robocorba.simulation.world_record import WorldRecord
 from tests.simulation.area_model import AreaModel, Box, areas
@@ -41,20 +41,25 @@ DOORWAY = (5.0, 3.85)
 #: More than a trip takes however its riders behave [s]: three stops, two legs, the doors.
 LONGEST_TRIP_S = 240.0
 WAITING, BOARDING, RIDING, ALIGHTING = RidePhase
+CREATED, REMOVED = ChangeKind.CREATED, ChangeKind.REMOVED
 
 who = st.integers(0, len(NAMES) - 1)
 floors = st.integers(0, 2)
+#: No elevator serves the attic.
+ATTIC = 3
 boxes = st.lists(
-    st.tuples(st.integers(0, 1), st.integers(0, 3), st.integers(0, 1), st.integers(1, 3), st.integers(1, 2)),
+    st.tuples(
+        st.sampled_from([0, 1, ATTIC]), st.integers(0, 3), st.integers(0, 1), st.integers(1, 3), st.integers(1, 2)
+    ),
     min_size=1,
     max_size=3,
 )
 
 
 def house(names: Sequence[str]) -> Building:
-    doors = tuple(map(ElevatorDoor, names))
+    doors = tuple(ElevatorDoor(name) for name in names[:ATTIC] if name != GONE)
     lift = Elevator("E1", (5.0, 5.0), (2.0, 2.0), doors, speed=2.0, door_time=1.0)
-    floors = {name: FloorMap(Floor(name, level, 4.0 * level)) for level, name in enumerate(names)}
+    floors = {name: FloorMap(Floor(name, level, 4.0 * level)) for level, name in enumerate(names) if name != GONE}
     return Building("house", floors, {"E1": lift})
 
 
@@ -94,7 +99,7 @@ class Traffic(RuleBasedStateMachine):
         self._patch = pytest.MonkeyPatch()
         for module in (building_module, elevators_module):
             self._patch.setattr(module, "STEP_S", STEP_S)
-        self.names = ["L1", "L2", "L3"]
+        self.names = ["L1", "L2", "L3", "attic", GONE]
         self.world = SimulatedBuilding(house(self.names))
         self.robots: dict[str, Robot] = {}
         self.areas = AreaModel()
@@ -142,7 +147,7 @@ class Traffic(RuleBasedStateMachine):
 
     @rule(name=st.sampled_from(NAMES), floor=floors, is_lazy=st.booleans())
     def log_on(self, name: str, floor: int, is_lazy: bool) -> None:
-        if name not in self.robots:
+        if name not in self.robots and self.names[floor] != GONE:
             enter(self.world, name, self.names[floor], *HALL[name])
             self.robots[name] = Robot(floor, HALL[name], is_lazy)
 
@@ -247,7 +252,7 @@ class Traffic(RuleBasedStateMachine):
     def faults(self, robot: Robot, ride: Ride) -> tuple[set[str], bool]:
         """The fields that are wrong in a call, and whether members of its party are inside: it may have left."""
         faults = {"elevator"} if robot.ride else set()
-        if ride.origin == ride.destination:
+        if ride.origin == ride.destination or self.names[ride.destination] == GONE:
             faults.add("destination")
         others = [other for _, other in self.riders.values() if ride.party and other.party == ride.party]
         for other in others:
@@ -274,6 +279,8 @@ class Traffic(RuleBasedStateMachine):
     @precondition(lambda self: self.robots)
     @rule(number=who, alternatives=st.lists(boxes, min_size=1, max_size=3), limit_s=st.sampled_from([1.0, 7.53, 60.0]))
     def reserve(self, number: int, alternatives: list[list[Box]], limit_s: float) -> None:
+        if not self.are_there(box for each in alternatives for box in each):
+            return
         name, _ = self.some(number)
         wanted = [area_request(areas(each, self.names), limit_s, self.names) for each in alternatives]
         with pytest.raises(UnknownRobot):
@@ -283,6 +290,9 @@ class Traffic(RuleBasedStateMachine):
                 self.world.reserve(name, wanted)
         else:
             assert self.world.reserve(name, wanted) == self.areas.reserve(name, alternatives, limit_s)
+
+    def are_there(self, wanted: Iterable[Box]) -> bool:
+        return all(self.names[box[0]] != GONE for box in wanted)
 
     def owner(self, number: int) -> str:
         """Of a request that there is, or a robot that has none."""
@@ -305,6 +315,8 @@ class Traffic(RuleBasedStateMachine):
     @precondition(lambda self: self.areas.queue)
     @rule(number=who, wanted=boxes, least_s=st.sampled_from([0.0, 5.0]))
     def exchange(self, number: int, wanted: list[Box], least_s: float) -> None:
+        if not self.are_there(wanted):
+            return
         name = self.owner(number)
         request = area_request(areas(wanted, self.names), 1.0, self.names)
         found = self.world.reservations.exchange(name, request, least_s)
@@ -325,16 +337,36 @@ class Traffic(RuleBasedStateMachine):
 
     @rule(floor=floors, name=st.sampled_from(["L1", "L2", "lobby", "roof"]))
     def rename_floor_or_restart(self, floor: int, name: str) -> None:
-        if name in self.names:
+        if name in self.names or self.names[floor] == GONE:
             self.restart()
             return
         former = self.world.building.floors[self.names[floor]].floor
-        self.names[floor] = name
-        edit = [
-            MapChange(2, ChangeKind.REMOVED, "", former),
-            MapChange(2, ChangeKind.CREATED, "", msgspec.structs.replace(former, name=name)),
-        ]
-        self.world.update(house(self.names), Lineage(edit))
+        self.edit(floor, name, (REMOVED, former), (CREATED, msgspec.structs.replace(former, name=name)))
+
+    @rule(number=st.integers(0, ATTIC), name=st.sampled_from(["L1", "L2", "L3", "attic"]), is_restarted=st.booleans())
+    def remove_or_add_floor(self, number: int, name: str, is_restarted: bool) -> None:
+        """A floor that is added is none of those that were removed, also by the name of one of them. An elevator that
+        serves other floors than before has lost its rides."""
+        if GONE not in self.names[:-1]:
+            self.edit(number, GONE, (REMOVED, self.world.building.floors[self.names[number]].floor))
+            for robot in [robot for robot, found in self.robots.items() if found.floor == number]:
+                self.areas.keep(robot, [])
+                del self.robots[robot]
+            self.areas.remove_floor(number)
+        elif name in self.names:
+            return
+        else:
+            number = self.names.index(GONE)
+            self.edit(number, name, (CREATED, Floor(name, number, 4.0 * number)))
+        if number != ATTIC:
+            for robot in self.robots.values():
+                robot.ride = None
+        if is_restarted:
+            self.restart()
+
+    def edit(self, number: int, name: str, *changes: tuple[ChangeKind, Floor]) -> None:
+        self.names[number] = name
+        self.world.update(house(self.names), Lineage(MapChange(2, kind, "", floor) for kind, floor in changes))
 
     def restart(self) -> None:
         """The cabin stops at its last floor."""
@@ -460,7 +492,7 @@ class Traffic(RuleBasedStateMachine):
         for name, robot in self.robots.items():
             assert world.occupants.pose(name) == pytest.approx(Pose(self.names[robot.floor], *robot.at)), name
         assert set(world.elevators.rides) == set(self.riders)
-        for floor in self.names:
+        for floor in world.building.elevators["E1"].floors():
             is_open = (cabin.doors, cabin.floor) == (Doors.OPEN, floor)
             assert (world.occupants.floors[floor].touching(5.0, 4.0, 0.01) != "") is is_open, "landing doors"
         self.areas.check(world.reservations.all(world.time), self.names)
