@@ -32,7 +32,6 @@ class OmniDatabase:
         self._building = building
         self.map_version = 0
         self._lock = threading.Lock()
-        self._first_version = first_version()
         self._floors: dict[str, _FloorVersions] = {}
         self._scans: dict[str, LastScan] = {}
         #: The last scan of each sensor of the logged-on robots.
@@ -51,10 +50,9 @@ class OmniDatabase:
         with self._lock:
             physics = self._building.occupants.floors.get(name)
             if physics is None:
-                if gone := self._floors.pop(name, None):  # another floor that gets its name has none of its versions
-                    self._first_version = max(self._first_version, gone.version + 1)
+                self._floors.pop(name, None)
                 raise UnknownFloor("floorName", name, self.floors)
-            floor = self._floors.setdefault(name, _FloorVersions(self._first_version))
+            floor = self._floors.setdefault(name, _FloorVersions(first_version()))
             floor.update(physics.snapshot, self._building.occupants.published, self._building.elevators.states_on(name))
             return floor.changes(name, since, self.map_version)
 

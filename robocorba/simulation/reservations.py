@@ -203,9 +203,8 @@ class Reservations:
         for request in (*self.requests.values(), *self._kept):
             request.areas = tuple((names.get(floor, GONE), polygon) for floor, polygon in request.areas)
             request.shapes = {names[floor]: shape for floor, shape in request.shapes.items() if floor in names}
-        for request in self.requests.values():
-            request.ahead = {other for other in request.ahead if request.overlaps(other)}
-        self._grant()
+        for request in (*self.requests.values(), *self._kept):
+            self._release_others(request)
 
     def _release_others(self, request: QueuedRequest) -> None:
         """The areas of a request have changed: others that no longer overlap it do not wait for it any more."""
@@ -215,9 +214,8 @@ class Reservations:
         self._grant()
 
     def _remove(self, request: QueuedRequest) -> None:
-        for other in self.requests.values():
-            other.ahead.discard(request)
-        self._grant()
+        request.shapes = {}
+        self._release_others(request)
 
     def find(self, owner: str, now: float) -> Reservation | None:
         """Status of an owner's request at a time [s]; None without a request. Thread-safe."""
@@ -252,11 +250,10 @@ class Reservations:
 
     def record(self) -> list[ReservationRecord]:
         """All requests, granted ones first, for `restore`."""
-        in_order = [*self._kept, *self.requests.values()]
-        in_order.sort(key=lambda request: request.granted_at is None)  # a request comes after those that it waits for
+        # A request comes after those that it waits for.
         return [
             ReservationRecord(request.owner, request.areas, request.limit_s, request.granted_at, request.kept_until)
-            for request in in_order
+            for request in sorted((*self._kept, *self.requests.values()), key=lambda each: each.granted_at is None)
         ]
 
     def restore(self, records: Iterable[ReservationRecord], now: float, owners: Collection[str]) -> None:

@@ -75,7 +75,9 @@ TROUBLE_LASTS_S = 90.0
 #: The leader, its successors in turn, and others.
 ROBOT = st.sampled_from([0, 1, 2, 3])
 FOR_S = st.sampled_from([12.0, 25.0, 1.0, 5.0, 45.0])
-HOW = st.sampled_from(["dies", "hangs", "is cut off", "gets no events", "gets no calls", "gets no assignments"])
+HOW = st.sampled_from(
+    ["dies", "restarts", "hangs", "is cut off", "gets no events", "gets no calls", "gets no assignments"]
+)
 OVER = st.booleans()
 T = TypeVar("T")
 
@@ -264,11 +266,7 @@ class Leaders:
 
     def start(self, leader: str, mission: str, icon: str, term: int) -> None:
         program = cooperation.of_icon(icon)
-        try:
-            self._call(leader, lambda process: process.cooperation.lead_mission(mission, program, term))
-        except IllegalOrder:
-            self._world.refused.add((mission, term))
-            raise
+        self._call(leader, lambda process: process.cooperation.lead_mission(mission, program, term))
 
     def abort(self, leader: str, mission: str) -> None:
         self._call(leader, lambda process: process.cooperation.abort_mission(mission))
@@ -379,8 +377,6 @@ class World:
         self.held: list[str] = []
         #: The leaders of each mission and term, by their messages; the attempts of each.
         self.led_in: defaultdict[tuple[str, int], set[str]] = defaultdict(set)
-        #: The missions and terms that robots did not accept to lead.
-        self.refused: set[tuple[str, int]] = set()
         self.writes = 0
         self.wrong: list[str] = []
         #: Whether a user wanted an abort; when leaders accepted the abort of their missions, as far as that was heard.
@@ -456,7 +452,7 @@ class World:
             self.wrong.append(f"the term of {name} falls from {before.term} to {after.term}")
         if after.leader == before.leader or before.is_offered or after.is_offered:
             return
-        if (name, before.term) in self.refused:
+        if not self.led_in.get((name, before.term)):  # it was offered to one that has refused
             return
         if after.term == before.term:
             self.wrong.append(f"{after.leader} leads {name} in the term of {before.leader}")
@@ -599,9 +595,13 @@ class Missions(RuleBasedStateMachine):
             self.another_mission_is_started()
         names = [self.name(robot) for robot, _ in robots]
         for name, (_, how) in zip(names, robots, strict=True):
-            if how == "dies":
+            if how in ("dies", "restarts"):
                 self.time.frozen.discard(name)
                 self.world.kill(name)
+            if how == "restarts":  # at once, so that nobody has missed it
+                self.mend(name)
+                self.troubled.add(name)
+                self.world.trouble_at[name] = self.time.now
             elif how == "hangs" and not self.world.robots[name].is_dead:
                 self.time.frozen.add(name)
             if how in ("gets no events", "is cut off"):
@@ -618,16 +618,6 @@ class Missions(RuleBasedStateMachine):
             for name in names:
                 self.mend(name)
             self.run_for(then_s)
-
-    @rule(robots=st.sets(ROBOT, min_size=2, max_size=2), then_s=FOR_S)
-    def robots_are_started_again(self, robots: set[int], then_s: float) -> None:
-        """At once, so that nobody has missed them: they know nothing of the mission any more."""
-        for name in [self.name(robot) for robot in sorted(robots)]:
-            self.troubled.add(name)
-            self.world.trouble_at[name] = self.time.now
-            self.world.kill(name)
-            self.mend(name)
-        self.run_for(then_s)
 
     @rule(for_s=FOR_S, then_s=FOR_S)
     def mission_control_is_started_again(self, for_s: float, then_s: float) -> None:

@@ -19,8 +19,7 @@ NOWHERE = -1
 
 
 def squares(boxes: Iterable[Box]) -> set[tuple[int, int, int]]:
-    here = [box for box in boxes if box[0] != NOWHERE]
-    return {(floor, x + i, y + j) for floor, x, y, w, h in here for i in range(w) for j in range(h)}
+    return {(floor, x + i, y + j) for floor, x, y, w, h in boxes for i in range(w) for j in range(h) if floor >= 0}
 
 
 def areas(boxes: Iterable[Box], floors: Sequence[str]) -> tuple[FloorArea, ...]:

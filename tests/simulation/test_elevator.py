@@ -126,27 +126,6 @@ def test_doors_stay_open_for_late_members_of_a_party_until_the_limit() -> None:
     until(lift, "A", RidePhase.ALIGHTING)
 
 
-def test_a_party_is_restored_after_a_restart() -> None:
-    lift = cabin()
-    for name in "AB":
-        lift.call(name, "L1", "L2", 0.4, "table", 3)
-    until(lift, "A", RidePhase.BOARDING)
-    lift.enter("A")
-    again = cabin()
-    again.restore(lift.record(), lift.now, {"A", "B"})
-    assert again.doors is Doors.OPEN  # as they were: A or what it holds may be between them
-    assert phases(again, "AB") == [RidePhase.RIDING, RidePhase.BOARDING]
-    again.call("C", "L1", "L2", 0.4, "table", 3)
-    for name in "BC":
-        again.enter(name)
-    again.advance(STEP_S)
-    assert again.doors is Doors.CLOSING
-    later = cabin()
-    later.restore(again.record(), again.now, {"A", "B", "C"})
-    until(later, "C", RidePhase.ALIGHTING)
-    assert (later.floor, later.doors) == ("L2", Doors.OPEN)
-
-
 # ---- something between the doors ----
 
 

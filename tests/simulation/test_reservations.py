@@ -23,18 +23,6 @@ def wanted(*areas: FloorArea, limit_s: float = 60.0) -> AreaRequest:
     return area_request(areas, limit_s, FLOORS)
 
 
-def granted(kept: Reservations) -> set[str]:
-    return {request.owner for request in kept.requests.values() if request.granted_at is not None}
-
-
-def test_neighbours_share_an_edge() -> None:
-    kept = Reservations()
-    kept.reserve("A", [wanted(box(0, 0))])
-    kept.reserve("B", [wanted(box(1, 0))])
-    kept.reserve("C", [wanted(box(0.1 + 0.2 + 1.7, 0))])  # 2.0000000000000004
-    assert granted(kept) == {"A", "B", "C"}
-
-
 def test_a_grant_begins_when_the_one_before_it_ends() -> None:
     """Also in a long step, and not when somebody looks."""
     kept = Reservations(now=5.0)

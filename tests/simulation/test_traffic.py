@@ -47,6 +47,7 @@ who = st.integers(0, len(NAMES) - 1)
 floors = st.integers(0, 2)
 #: No elevator serves the attic.
 ATTIC = 3
+HOUSE = ("L1", "L2", "L3", "attic")
 boxes = st.lists(
     st.tuples(
         st.sampled_from([0, 1, ATTIC]), st.integers(0, 3), st.integers(0, 1), st.integers(1, 3), st.integers(1, 2)
@@ -99,7 +100,7 @@ class Traffic(RuleBasedStateMachine):
         self._patch = pytest.MonkeyPatch()
         for module in (building_module, elevators_module):
             self._patch.setattr(module, "STEP_S", STEP_S)
-        self.names = ["L1", "L2", "L3", "attic", GONE]
+        self.names = [*HOUSE, GONE]
         self.world = SimulatedBuilding(house(self.names))
         self.robots: dict[str, Robot] = {}
         self.areas = AreaModel()
@@ -345,8 +346,7 @@ class Traffic(RuleBasedStateMachine):
 
     @rule(number=st.integers(0, ATTIC), name=st.sampled_from(["L1", "L2", "L3", "attic"]), is_restarted=st.booleans())
     def remove_or_add_floor(self, number: int, name: str, is_restarted: bool) -> None:
-        """A floor that is added is none of those that were removed, also by the name of one of them. An elevator that
-        serves other floors than before has lost its rides."""
+        """A floor that is added is none of those that were removed, also by the name of one of them."""
         if GONE not in self.names[:-1]:
             self.edit(number, GONE, (REMOVED, self.world.building.floors[self.names[number]].floor))
             for robot in [robot for robot, found in self.robots.items() if found.floor == number]:
@@ -358,7 +358,7 @@ class Traffic(RuleBasedStateMachine):
         else:
             number = self.names.index(GONE)
             self.edit(number, name, (CREATED, Floor(name, number, 4.0 * number)))
-        if number != ATTIC:
+        if number != ATTIC:  # an elevator that serves other floors has lost its rides
             for robot in self.robots.values():
                 robot.ride = None
         if is_restarted:
