@@ -46,15 +46,6 @@ SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "ros2": ("ros2", "ros2"),
     "openrtm": ("openrtm", "openrtm"),
 }
-#: The first subcommand of each panel of the help.
-_PANELS = {
-    "up": "System",
-    "robot": "Robots",
-    "map": "Maps and paths",
-    "mission": "Missions and events",
-    "record": "Recordings",
-    "foxglove": "Bridges",
-}
 #: Commands whose arguments all go to another process.
 FORWARDING = ("robot", "console")
 #: Settings of these. Without interspersed arguments, -- is passed on too.
@@ -76,9 +67,11 @@ def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) 
         pretty_exceptions_enable=False,
         context_settings={"help_option_names": ["-h", "--help"]},
     )
-    panel = ""
+    firsts = {"up": "System", "robot": "Robots", "map": "Maps and paths", "mission": "Missions and events"}
+    firsts |= {"record": "Recordings", "foxglove": "Bridges"}
+    panel = "System"
     for name in names:
-        panel = _PANELS.get(name, panel)
+        panel = firsts.get(name, panel)
         module, attribute, *text = SUBCOMMANDS[name]
         found = None if only_for_help else getattr(import_module(f"robocorba.commands.{module}"), attribute)
         if attribute == "app":
@@ -88,7 +81,7 @@ def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) 
             shown = _docstring(module, attribute) if only_for_help else None
             app.command(name, help=shown, context_settings=settings, rich_help_panel=panel)(found or (lambda: None))
 
-    @app.command(rich_help_panel=_PANELS["up"])
+    @app.command(rich_help_panel="System")
     def version() -> None:
         """Print the version."""
         echo(__version__)

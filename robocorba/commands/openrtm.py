@@ -33,8 +33,6 @@ from robocorba.system.settings import Address, RoleNaming
 
 #: Interval between looks at the system, at the states of robots of active components, and at connected ports [s].
 LOOK_S, STATES_S, PORTS_S = 0.05, 0.5, 5.0
-#: Timeout for finding a robot that gets an order [s].
-FIND_ROBOT_S = 1.0
 #: Listen on all addresses.
 _EVERYWHERE = {"endPoint": "giop:tcp::"}
 
@@ -139,7 +137,7 @@ class AgentOrders:
     """Orders of a component to its robot's control agent (robocorba.bridges.openrtm.robot_component.Orders)."""
 
     def __init__(self, orb: Orb, robot: str) -> None:
-        self._orders = RobotOrders(robot, partial(RemoteAgent, orb, robot, FIND_ROBOT_S), _warn)
+        self._orders = RobotOrders(robot, partial(RemoteAgent, orb, robot, 1.0), _warn)
         self.drive, self.close = self._orders.drive, self._orders.close
 
     def reset_stop(self) -> None:

@@ -13,9 +13,8 @@ from collections.abc import Callable
 
 import omniORB
 
-from robocorba.orb.connections import OwnDescriptors, is_established
+from robocorba.orb.connections import borrowed, descriptors_in_use, is_established
 
-_descriptors = OwnDescriptors()
 #: The descriptor by which a thread was called last: omniORB has a thread for each connection.
 _last = threading.local()
 
@@ -31,7 +30,7 @@ def present_caller() -> Callable[[], bool]:
 
 def _descriptor_of(address: str) -> int | None:
     """The descriptor of the connection from HOST:PORT."""
-    for descriptor in (getattr(_last, "descriptor", 0), *_descriptors.in_use()):
+    for descriptor in (getattr(_last, "descriptor", 0), *descriptors_in_use()):
         if _is_open(descriptor, address):
             _last.descriptor = descriptor
             return int(descriptor)
@@ -41,7 +40,7 @@ def _descriptor_of(address: str) -> int | None:
 def _is_open(descriptor: int, address: str) -> bool:
     """Whether this is the connection from HOST:PORT, and neither end has closed it."""
     try:
-        with _descriptors.borrowed(descriptor) as connection:
+        with borrowed(descriptor) as connection:
             host, port = connection.getpeername()[:2]
             is_it = address == (f"[{host}]:{port}" if connection.family == socket.AF_INET6 else f"{host}:{port}")
             return is_it and is_established(connection)

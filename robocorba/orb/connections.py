@@ -15,9 +15,7 @@ import socket
 import struct
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Protocol
 
 from robocorba.system.repeating import Repeating
 
@@ -51,14 +49,12 @@ def raise_descriptor_limit(wanted: int = 16_384) -> int:
 
 
 class ConnectionLimit:
-    """Keeps a process below `connections` that clients have opened, and below `descriptors` in use; None: what the
-    operating system allows, less a reserve. process: this one by default."""
+    """Keeps this process below `connections` that clients have opened, and below `descriptors` in use; None: what the
+    operating system allows, less an eighth, for files and for connections until the next check."""
 
-    def __init__(
-        self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS, process: Descriptors | None = None
-    ) -> None:
-        self._process = process or OwnDescriptors()
-        self._most, self._connections = descriptors, connections
+    def __init__(self, descriptors: int | None = None, connections: int = MAX_CONNECTIONS) -> None:
+        self._most = descriptors or round(raise_descriptor_limit() * 7 / 8)
+        self._connections = connections
         self._repeating = Repeating("connections", self.check, lambda: self._interval_s)
         self._interval_s = CHECK_INTERVAL_S
         self._ended, self._logged_at = 0, -LOG_INTERVAL_S
@@ -73,88 +69,49 @@ class ConnectionLimit:
 
     def check(self) -> None:
         """End connections if there are too many."""
-        self._process.renew()
-        used, self._interval_s = len(self._process.in_use()), CHECK_INTERVAL_S
-        # An eighth stays free, for files and for connections until the next check.
-        most = self._most or round(self._process.limit() * 7 / 8)
-        if used > min(most, self._connections):
-            found = sorted(_connections(self._process))
-            excess = max(used - most, len(found) - self._connections)
+        used, self._interval_s = len(descriptors_in_use()), CHECK_INTERVAL_S
+        if used > min(self._most, self._connections):
+            found = sorted(_connections())
+            excess = max(used - self._most, len(found) - self._connections)
             if excess > 0:  # a few more, so that not each new connection ends another one
                 ending = found[: excess + len(found) // 20]
-                self._ended += sum(_end(self._process, descriptor) for _, _, descriptor in ending)
+                self._ended += sum(_end(descriptor) for _, _, descriptor in ending)
                 self._interval_s = 0.1  # others may wait to be accepted, and take their places
         if self._ended and time.monotonic() >= self._logged_at + LOG_INTERVAL_S:
-            reason = "%d connections%s have ended, the longest idle ones: there were more than %d, or %d descriptors"
-            _log.warning(reason, self._ended, self._process.title, self._connections, most)
+            reason = "%d connections have ended, the longest idle ones: there were more than %d, or %d descriptors"
+            _log.warning(reason, self._ended, self._connections, self._most)
             self._ended, self._logged_at = 0, time.monotonic()
 
 
-class Descriptors(Protocol):
-    """The descriptors of a process. title: which one, for the log, such as " to omniNames"."""
-
-    title: str
-
-    def renew(self) -> None:
-        """Called before each check."""
-
-    def limit(self) -> int:
-        """How many there may be."""
-
-    def in_use(self) -> Sequence[int]:
-        """Those in use; all that may be in use if there is no way to know."""
-
-    def borrowed(self, descriptor: int) -> AbstractContextManager[socket.socket]:
-        """The socket of a descriptor, which stays open. Raises OSError if it is not TCP."""
+def descriptors_in_use() -> Sequence[int]:
+    """Those of this process; all that may be in use if there is no way to know."""
+    try:
+        with os.scandir(_LISTING) as entries:  # each second, and there may be hundreds: without a path for each
+            return [int(entry.name) for entry in entries]
+    except OSError:  # none is free, and the list itself takes one
+        return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
 
 
-class OwnDescriptors:
-    """Those of this process."""
-
-    title = ""
-
-    def __init__(self) -> None:
-        self._limit = raise_descriptor_limit()
-
-    def renew(self) -> None:
-        """Nothing changes."""
-
-    def limit(self) -> int:
-        return self._limit
-
-    def in_use(self) -> Sequence[int]:
-        try:
-            with os.scandir(_LISTING) as entries:  # each second, and there may be hundreds: without a path for each
-                return [int(entry.name) for entry in entries]
-        except OSError:  # none is free, and the list itself takes one
-            return range(resource.getrlimit(resource.RLIMIT_NOFILE)[0])
-
-    @contextlib.contextmanager
-    def borrowed(self, descriptor: int) -> Iterator[socket.socket]:
-        """Needs no further descriptor."""
-        borrowed = socket.socket(fileno=descriptor)
-        try:
-            check_tcp(borrowed)
-            yield borrowed
-        finally:
-            borrowed.detach()
+@contextlib.contextmanager
+def borrowed(descriptor: int) -> Iterator[socket.socket]:
+    """The socket of a descriptor, which stays open; needs no further descriptor. Raises OSError if it is not TCP."""
+    connection = socket.socket(fileno=descriptor)
+    try:
+        if connection.family not in (socket.AF_INET, socket.AF_INET6) or connection.type != socket.SOCK_STREAM:
+            raise OSError("not a TCP socket")
+        yield connection
+    finally:
+        connection.detach()
 
 
 def enlarge_queue() -> None:
     """Let 4096 connections wait to be accepted at each port on which this process listens, as far as the kernel allows:
     when a server restarts, all its clients connect at once. Beyond omniORB's 128 they would wait for 1 s,
     then for 3 s."""
-    process = OwnDescriptors()
-    for descriptor in process.in_use():
-        with contextlib.suppress(OSError), process.borrowed(descriptor) as listener:
+    for descriptor in descriptors_in_use():
+        with contextlib.suppress(OSError), borrowed(descriptor) as listener:
             if listener.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
                 listener.listen(4096)
-
-
-def check_tcp(connection: socket.socket) -> None:
-    """Raises OSError if it is not TCP."""
-    if connection.family not in (socket.AF_INET, socket.AF_INET6) or connection.type != socket.SOCK_STREAM:
-        raise OSError("not a TCP socket")
 
 
 def is_established(connection: socket.socket) -> bool:
@@ -163,13 +120,13 @@ def is_established(connection: socket.socket) -> bool:
     return state == 1  # TCP_ESTABLISHED
 
 
-def _connections(process: Descriptors) -> Iterator[tuple[bool, float, int]]:
-    """The descriptors of connections at ports on which a process listens, so that those that end first are the least:
-    those that have never got an answer for UNANSWERED_S, then those without data for the longest time."""
+def _connections() -> Iterator[tuple[bool, float, int]]:
+    """The descriptors of connections at ports on which this process listens, so that those that end first are the
+    least: those that have never got an answer for UNANSWERED_S, then those without data for the longest time."""
     found: list[tuple[int, tuple[bool, float, int]]] = []
     ports: set[int] = set()
-    for descriptor in process.in_use():
-        with contextlib.suppress(OSError), process.borrowed(descriptor) as connection:
+    for descriptor in descriptors_in_use():
+        with contextlib.suppress(OSError), borrowed(descriptor) as connection:
             if connection.getsockopt(socket.SOL_SOCKET, socket.SO_ACCEPTCONN):
                 ports.add(connection.getsockname()[1])
             else:
@@ -183,9 +140,9 @@ def _connections(process: Descriptors) -> Iterator[tuple[bool, float, int]]:
     yield from (each for port, each in found if port in ports)
 
 
-def _end(process: Descriptors, descriptor: int) -> bool:
+def _end(descriptor: int) -> bool:
     """End a connection; the thread that serves it closes its descriptor."""
-    with contextlib.suppress(OSError), process.borrowed(descriptor) as connection:
+    with contextlib.suppress(OSError), borrowed(descriptor) as connection:
         with contextlib.suppress(OSError):
             connection.send(_CLOSE_CONNECTION, socket.MSG_DONTWAIT)
         connection.shutdown(socket.SHUT_RDWR)

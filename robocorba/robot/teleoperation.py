@@ -15,8 +15,8 @@ from robocorba.robot.motion.motion import MotionCommand
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, RobotState, Velocity
 from robocorba.robot.robot import Robot
 
-#: Maximum validity of an order [s], and the largest velocity that is reduced to the robot's limits [m/s, rad/s].
-MAX_VALID_S, MAX_ORDER = 5.0, 1e6
+#: Maximum validity of an order [s].
+MAX_VALID_S = 5.0
 #: Time after the last order for which the robot remains teleoperated [s]: short pauses between orders don't end it.
 LINGER_S = 1.0
 
@@ -85,7 +85,7 @@ class Teleoperation:
 def check_order(velocity: Velocity, valid_for_s: float) -> None:
     """Raises InvalidChoice if an order is not possible."""
     for field, value in zip(("wanted.ahead", "wanted.left", "wanted.turn"), velocity, strict=True):
-        if not abs(value) <= MAX_ORDER:
+        if not abs(value) <= 1e6:  # less is reduced to the robot's limits
             raise InvalidChoice(field, f"{value:g} is no velocity")
     if not 0.0 < valid_for_s <= MAX_VALID_S:
         raise InvalidChoice("validFor", f"{valid_for_s} is not above 0 and at most {MAX_VALID_S:g} s")

@@ -11,6 +11,9 @@ from robocorba.map_editor.spatial.elevator_state import ElevatorState
 from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorUpdate, FloorView
 from robocorba.map_editor.spatial.frames import turned
 
+#: Time by which a server that was killed may begin again earlier [s, simulated]; less is a floor that lags behind.
+BACKWARD_S = 1.0
+
 
 class RobotPlace(NamedTuple):
     """A robot: x, y, z [m] of its base, heading [rad], velocity ahead and to the left [m/s], turn [rad/s]. z: above the

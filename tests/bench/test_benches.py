@@ -8,7 +8,7 @@ import math
 import sys
 import threading
 import time
-from collections import Counter, defaultdict
+from collections import defaultdict
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -22,12 +22,9 @@ from bench.common.harness import NOT_MEASURED, NotMeasured, run
 from bench.console.returns import PLACES, Shown, Sight, sight
 from bench.events.channel.consumers import slope_an_hour
 from bench.events.channel.stamps import Arrivals, Quality, Tally, gaps, quality, stamped, stamped_run
-from bench.events.network import mission
 from bench.events.network import report as network_report
 from bench.events.network.experiment import FEDERATED, SET_UPS, STANDARD, Outcome
 from bench.events.network.load import Governor
-from bench.events.network.mission import Sent, expected
-from bench.events.network.networks import SUBNET_OF
 from bench.events.network.report import Interval
 from bench.planning.geometric import EDITS, measure, row
 from bench.robots import virtual_and_actual as bench
@@ -113,23 +110,6 @@ def test_the_network_delays_and_loads() -> None:
         for _ in range(50):
             governor.correct(min(1.0, governor.work + others))
         assert governor.work == pytest.approx(work, abs=0.01 * (work > 0.0))
-
-
-def test_who_is_expected_to_receive_events_of_a_mission() -> None:
-    """So local and remote events weigh the same in the mean."""
-    types = [(mission.STATE, source) for source in mission.ROBOTS]
-    types += [(f"{mission.SUBPLAN}.{helper}", "A") for helper in mission.HELPERS]
-    types += [(mission.GO, "A"), (mission.DONE, "A")]
-    types += [(type, helper) for type in (mission.READY, mission.RESULT) for helper in mission.HELPERS]
-    count: Counter[bool] = Counter()
-    for type, source in types:
-        for robot in mission.ROBOTS:
-            count[SUBNET_OF[robot] == SUBNET_OF[source]] += expected(robot, [Sent(type, source, 1)])
-    assert count == {True: 7, False: 7}
-    scans = [Sent(mission.SCAN, source, 10) for source in mission.ROBOTS]
-    assert {robot: expected(robot, scans) for robot in mission.ROBOTS} == {"A": 10, "B": 10, "C": 0}
-    assert not mission.is_mission(mission.SCAN)
-    assert all(expected(robot, [Sent(mission.STATE, robot, 5)]) == 0 for robot in mission.ROBOTS)
 
 
 def test_the_report_of_the_network() -> None:

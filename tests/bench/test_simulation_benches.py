@@ -18,7 +18,7 @@ from bench.simulation import robots as bench_robots
 from bench.simulation import sensors as bench_sensors
 from bench.simulation.headless import LASER, MOST, RING, Case, Lap, Wanderers, crowd
 from bench.simulation.robots import AT_ONCE, BY_TURNS, FEW, MANY, Load
-from bench.simulation.robots_client import Clients, Robot, drive, joined
+from bench.simulation.robots_client import Clients, Robot, drive
 from robocorba.clients.robot_processes import servers
 from robocorba.map_editor import native
 from robocorba.map_editor.movable import movables
@@ -118,16 +118,6 @@ def test_robots_are_commanded_as_often_as_is_due_and_what_is_missing_is_counted(
 
     found = drive([Robot(Session(), 0), Robot(Gone(), 1)], time.monotonic(), 0.3, 10.0)
     assert (found["due"], found["lost"]) == (6, 1) and 0 < len(found["command"]) <= 3
-
-
-def test_answers_are_joined_and_rows_of_a_run() -> None:
-    assert joined([{"a": [1, 2], "b": 1}, {"a": [], "b": 2}, {"a": [3], "b": 3}]) == {"a": [1, 2, 3], "b": 6}
-    row = bench_robots.row_of("1", FEW, found_by_a_run(made=50), 6, 60.0)
-    assert (row["command ms"], row["command p99"], row["worst"], row["from due p99"]) == (1.0, 30.0, 30.0, 60.0)
-    assert (row["callers"], row["made"], row["achieved"], row["hits/min"]) == (12, 0.5, 1.0, 5.0)
-    one_by_one, at_once = bench_robots.log_on_rows_of("1", FEW, found_by_a_run())
-    assert (one_by_one["median ms"], one_by_one["worst ms"], at_once["p99 ms"]) == (3.0, 4.0, 20.0)
-    assert bench_sensors.spread([20, 19]) == "20 + 19"
 
 
 def found_by_a_run(achieved: float = 1.0, made: int = 100) -> dict[str, Any]:

@@ -250,7 +250,7 @@ def has_ended(client: socket.socket) -> bool:
 
 
 def check(excess: int) -> None:
-    ConnectionLimit(len(connections.OwnDescriptors().in_use()) - excess).check()
+    ConnectionLimit(len(connections.descriptors_in_use()) - excess).check()
 
 
 def test_the_number_of_connections_is_limited_but_for_those_of_this_process(server: Server) -> None:

@@ -378,10 +378,7 @@ def test_a_name_that_belongs_to_another_now_is_left_to_it(names: Any) -> None:
 def test_a_name_stays_with_another_process_while_that_is_there(names: Any, caplog: pytest.LogCaptureFixture) -> None:
     own, other = Reference(), Reference()
     names.bindings["A"] = other
-    with (
-        contextlib.closing(BoundNames(names, 0.001, yields=True)) as bound,
-        caplog.at_level(logging.WARNING),
-    ):
+    with contextlib.closing(BoundNames(names, 0.001, yields=True)) as bound, caplog.at_level(logging.WARNING):
         bound.start({"A": own, "B": own})
         eventually(lambda: names.bindings == {"A": other, "B": own} and caplog.messages, PATIENCE_S)
         assert caplog.messages == ["left the name RoboCorba/A to another: an object at 10.0.0.1:666 was bound to it"]

@@ -7,7 +7,6 @@ import contextlib
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Iterator
@@ -18,8 +17,6 @@ import psutil
 import pytest
 
 from robocorba.errors.services import NotReachable, StartFailed
-from robocorba.orb.connections import ConnectionLimit, OwnDescriptors
-from robocorba.system.supervision.child_descriptors import ChildDescriptors
 from robocorba.system.supervision.hangs import HangLimit, watch_for_hang
 from robocorba.system.supervision.launch import LoggedProcess, ModuleRun
 from robocorba.system.supervision.output import Pipe
@@ -273,56 +270,6 @@ class Process:
 
     def send_signal(self, number: int) -> None:
         self.is_killed = True
-
-
-#: Accepts connections, and keeps them until their clients end.
-SERVER = """
-import socket
-listening = socket.create_server(("127.0.0.1", 0))
-print(listening.getsockname()[1], flush=True)
-kept = []
-while True:
-    kept.append(listening.accept()[0])
-    print(len(kept), flush=True)
-"""
-
-
-def has_ended(client: socket.socket) -> bool:
-    client.setblocking(False)
-    with contextlib.suppress(BlockingIOError):
-        client.recv(100)
-        return True
-    return False
-
-
-def test_too_many_connections_to_a_child_end() -> None:
-    with contextlib.ExitStack() as stack:
-        child = stack.enter_context(subprocess.Popen([sys.executable, "-c", SERVER], stdout=subprocess.PIPE, text=True))
-        stack.callback(child.kill)
-        assert child.stdout is not None
-        address = ("127.0.0.1", int(child.stdout.readline()))
-        clients = [stack.enter_context(socket.create_connection(address)) for _ in range(10)]
-        while int(child.stdout.readline()) < len(clients):
-            pass
-        descriptors, own = ChildDescriptors("a child", lambda: child.pid), len(OwnDescriptors().in_use())
-        with contextlib.closing(descriptors):
-            descriptors.renew()
-            if not any(_is_readable(descriptors, each) for each in descriptors.in_use()):
-                pytest.skip("this system does not let a process have the descriptors of its child")
-            ConnectionLimit(connections=10, process=descriptors).check()
-            assert not any(map(has_ended, clients))
-            ConnectionLimit(connections=7, process=descriptors).check()
-            eventually(lambda: sum(map(has_ended, clients)) == 3)
-        assert len(OwnDescriptors().in_use()) == own
-    nobody = ChildDescriptors("a child", lambda: 0)
-    ConnectionLimit(connections=0, process=nobody).check()
-    assert nobody.in_use() == ()
-
-
-def _is_readable(descriptors: ChildDescriptors, descriptor: int) -> bool:
-    with contextlib.suppress(OSError), descriptors.borrowed(descriptor):
-        return True
-    return False
 
 
 @pytest.fixture(scope="module")

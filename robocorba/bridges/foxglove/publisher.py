@@ -69,11 +69,10 @@ from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
+from robocorba.simulation.system_view import BACKWARD_S
 
 #: Simulated time between two messages on `/robots` [s].
 ROBOTS_S = 1.0
-#: Time by which a server that was killed may begin again earlier [s, simulated]; less is a floor that lags behind.
-BACKWARD_S = 1.0
 
 
 class FoxglovePublisher:

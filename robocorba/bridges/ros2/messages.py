@@ -15,8 +15,6 @@ from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_view import RobotPlace
 
 NS_PER_S = 1_000_000_000
-#: How far a pose may be tilted that a base is to take [rad].
-MAX_TILT_RAD = 0.1
 
 #: A quaternion x, y, z, w.
 Quaternion = tuple[float, float, float, float]
@@ -55,7 +53,7 @@ def heading_of(x: float, y: float, z: float, w: float) -> float:
     if not 1e-6 < length < math.inf:
         raise RobotError(f"the orientation ({x:g}, {y:g}, {z:g}, {w:g}) is no rotation")
     tilt_rad = 2.0 * math.asin(min(1.0, math.hypot(x, y) / length))
-    if tilt_rad > MAX_TILT_RAD:
+    if tilt_rad > 0.1:
         raise RobotError(f"the orientation is tilted by {math.degrees(tilt_rad):.0f} degrees; a base stands upright")
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 

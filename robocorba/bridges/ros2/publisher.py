@@ -33,13 +33,11 @@ from robocorba.robot.kinematics.model import LASER_M
 from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.system_changes import SystemChanges
-from robocorba.simulation.system_view import RobotPlace, SystemView
+from robocorba.simulation.system_view import BACKWARD_S, RobotPlace, SystemView
 from robocorba.system.plain_names import PlainNames
 
 #: Simulated time after which joints of a robot that does not move are published again [s].
 JOINTS_S = 1.0
-#: Time by which a server that was killed may begin again earlier [s, simulated]; less is a floor that lags behind.
-BACKWARD_S = 1.0
 
 
 class RosPublisher:

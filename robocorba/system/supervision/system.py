@@ -18,7 +18,6 @@ from itertools import chain
 from pathlib import Path
 
 from robocorba.errors.services import PortInUse, ServiceError
-from robocorba.orb.connections import ConnectionLimit
 from robocorba.orb.orb import CONTEXT, Orb
 from robocorba.orb.reference_file import write_reference
 from robocorba.system import logs
@@ -31,7 +30,6 @@ from robocorba.system.roles import Role
 from robocorba.system.settings import Address, omniorb_trace
 from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, started_s
 from robocorba.system.supervision.access import Access, remove_access
-from robocorba.system.supervision.child_descriptors import ChildDescriptors
 from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.launch import ModuleRun
 from robocorba.system.supervision.naming_data import mend_naming_data
@@ -122,8 +120,6 @@ class System:
         starter = Starter()
         service = self._guarded_naming_service(orb) if self.is_guarded else self._naming_service(orb)
         names = Supervised(service, starter, self.hang_limit, changed)
-        descriptors = ChildDescriptors(service.name, lambda: names.pid)
-        connections = None if self.is_guarded else ConnectionLimit(process=descriptors).start()
         servers = [
             Supervised(self._server(server, ports[server.name], orb), starter, self.hang_limit, changed)
             for server in self.servers
@@ -157,9 +153,6 @@ class System:
             for group_tasks in reversed(started):
                 await _cancel(group_tasks)
             await starter.close()
-            if connections:
-                connections.close()
-            descriptors.close()
             _log.info("stopped")
 
     def _serve_supervisor(self, orb: Orb, processes: Sequence[Supervised], robots: Robots) -> None:
@@ -280,12 +273,14 @@ def naming_service_command(naming: Address, data: Path) -> tuple[str, ...]:
     """The command of a naming service at `naming`, with its bindings in the folder `data`. Raises ServiceError."""
     # With -nohostname the data stay readable after the machine is renamed.
     options = ("-start", str(naming.port), "-always", "-nohostname", "-datadir", str(data))
-    # A request of which only a part arrives ends its connection after this time [ms]; see robocorba.orb.orb.
-    limits = ("-ORBserverCallTimeOutPeriod", "20000", "-ORBmaxServerThreadPerConnection", "16")
+    # A request of which only a part arrives ends its connection after this time [ms]; see robocorba.orb.orb. So does
+    # one that is idle [s]; ours are closed by their clients before.
+    limits = ("-ORBserverCallTimeOutPeriod", "20000", "-ORBinConScanPeriod", "90")
     # Beyond this number, by default 10,000, connections would share a few threads, which those that stall keep.
     threads = ("-ORBthreadPerConnectionUpperLimit", "100000", "-ORBthreadPerConnectionLowerLimit", "90000")
+    calls = ("-ORBmaxServerThreadPerConnection", "16")
     quiet = [argument for option, value in omniorb_trace().items() for argument in (f"-ORB{option}", value)]
-    return (find_omninames(), *options, *limits, *threads, *quiet, "-ORBendPoint", f"giop:tcp:{naming}")
+    return (find_omninames(), *options, *limits, *threads, *calls, *quiet, "-ORBendPoint", f"giop:tcp:{naming}")
 
 
 def find_omninames() -> str:
