@@ -13,17 +13,17 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_105,
-    "classes": 972,
+    "lines of code": 52_099,
+    "classes": 969,
     "upper-case names of modules": 1_077,
     "kernels": 66,
     "functions compiled within kernels": 76,
-    "protocols": 25,
+    "protocols": 24,
     "modules at the root": 2,
     "rooms": 12,
 }
 #: Lines in all of Python outside the package, and words of documentation.
-LINES_AT_MOST = {"tests": 56_187, "testkit": 7_036, "bench": 10_065}
+LINES_AT_MOST = {"tests": 56_186, "testkit": 7_036, "bench": 10_062}
 WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_220, "CHANGELOG.md": 2_150}
 
 
