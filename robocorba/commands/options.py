@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -63,7 +62,6 @@ def connected(command: str, naming: str | None, options: Mapping[str, str] | Non
             try:
                 orb.check_naming()
             except NotReachable:
-                of = "that of ROBOCORBA_NAMING" if os.environ.get("ROBOCORBA_NAMING") else "the default"
-                of = "that of --naming" if naming else of
-                raise NotReachable(f"{error}; is `robocorba up` running? The address is {of}") from None
+                setting = "--naming" if naming else "ROBOCORBA_NAMING, or the default"
+                raise NotReachable(f"{error}; is `robocorba up` running? Its address is that of {setting}") from None
             raise

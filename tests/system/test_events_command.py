@@ -141,7 +141,7 @@ def test_what_cant_be_done_is_one_line(events: Events, launch: Launch, naming_po
     for process, reason in [(events(*arguments), reason) for arguments, reason in reasons.items()]:
         said = refusal(process)
         assert said.startswith("robocorba events ") and f": {reason}" in said
-    assert said.endswith("; is `robocorba up` running? The address is that of --naming")
+    assert said.endswith("; is `robocorba up` running? Its address is that of --naming")
 
     process = events("stats", "lab", "nowhere")
     out, err = process.communicate(timeout=30)
