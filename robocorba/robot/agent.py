@@ -439,7 +439,7 @@ class ControlAgent:
         if controller is None or robot is None:
             raise RobotLost(f"{self.name} was not started")
         with self._showing:
-            part, awaited = self._part, robot.execution.awaited or controller.awaited
+            part, awaited = self._part, controller.awaited or robot.execution.awaited
             is_in_part = part is not None and part.report.result is ProgramResult.NO_RESULT
             report = part.report if part and is_in_part else self._report
             shown = display_of(self._condition(controller), controller.stopped, report, awaited, controller.is_lost)

@@ -134,6 +134,10 @@ def test_the_touch_panel_shows_what_the_robot_does_and_since_when(
     agent.run()
     shows(agent, DisplayKind.WORKING, "mbase velocity (nap)")
     shows(agent, waiting, "waiting for 60 s")
+    place.agent.configure(is_paused=True)
+    shows(agent, waiting, "waiting for the simulation server, whose time stands")  # so there is no end of the 60 s
+    place.agent.configure(is_paused=False)
+    shows(agent, waiting, "waiting for 60 s")
     first = agent.display.seconds
     assert first < 5.0 and agent.display.seconds > first
     agent.pause()
@@ -145,10 +149,6 @@ def test_the_touch_panel_shows_what_the_robot_does_and_since_when(
     shows(agent, waiting, "waiting for an order")
     agent.load(LONG)
     agent.run()
-    shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
-    place.agent.configure(is_paused=True)
-    shows(agent, waiting, "waiting for the simulation server, whose time stands")
-    place.agent.configure(is_paused=False)
     shows(agent, DisplayKind.WORKING, "mbase velocity (long)")
     session.is_away = True
     shows(agent, DisplayKind.EXCEPTIONAL, "lost: nobody answers")
