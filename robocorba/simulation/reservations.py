@@ -200,17 +200,17 @@ class Reservations:
 
     def rename_floors(self, names: Mapping[str, str]) -> None:
         """Follow the map: names of its floors by their former ones. Areas of floors that are gone block nobody."""
-        for request in (*self.requests.values(), *self._kept):
+        requests = (*self.requests.values(), *self._kept)
+        smaller = [request for request in requests if not request.shapes.keys() <= names.keys()]
+        for request in requests:
             request.areas = tuple((names.get(floor, GONE), polygon) for floor, polygon in request.areas)
             request.shapes = {names[floor]: shape for floor, shape in request.shapes.items() if floor in names}
-        for request in (*self.requests.values(), *self._kept):
-            self._release_others(request)
+        self._release_others(*smaller)
 
-    def _release_others(self, request: QueuedRequest) -> None:
-        """The areas of a request have changed: others that no longer overlap it do not wait for it any more."""
+    def _release_others(self, *changed: QueuedRequest) -> None:
+        """The areas of requests have changed: others that no longer overlap one do not wait for it any more."""
         for other in self.requests.values():
-            if request in other.ahead and not other.overlaps(request):
-                other.ahead.discard(request)
+            other.ahead -= {request for request in other.ahead.intersection(changed) if not other.overlaps(request)}
         self._grant()
 
     def _remove(self, request: QueuedRequest) -> None:
