@@ -56,6 +56,7 @@ def upper_case_names(tree: ast.Module) -> Iterator[str]:
             yield from (name.id for name in names if isinstance(name, ast.Name) and name.id.isupper())
 
 
+@functools.cache
 def measured() -> dict[str, int]:
     trees = modules().values()
     classes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]

@@ -6,10 +6,9 @@ import configparser
 import json
 import subprocess
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import pytest
 from packaging.requirements import Requirement
@@ -88,15 +87,7 @@ def core() -> set[str]:
     return names(line for line in own if applies(Requirement(line), ()))
 
 
-def run(missing: set[str], modules: Iterable[str], *lines: Sequence[str]) -> Any:
-    command = (sys.executable, str(PROGRAM))
-    given = json.dumps([sorted(missing), sorted(modules), lines])
-    ran = subprocess.run(command, input=given, capture_output=True, text=True, timeout=300)
-    assert ran.returncode == 0, ran.stderr
-    return json.loads(ran.stdout)
-
-
-def test_the_core_runs_without_the_packages_of_extras(core: set[str], tmp_path: Path) -> None:
+def test_the_core_runs_without_extras_and_an_extra_without_the_others(core: set[str], tmp_path: Path) -> None:
     missing = names(requirements("all").values()) - core
     modules = set(PRODUCT) - {"robocorba.__main__", "robocorba.clients.new_robot"}  # which run when they are imported
     helps = [[name, "--help"] for name in SUBCOMMANDS if name not in FORWARDING]
@@ -112,7 +103,12 @@ def test_the_core_runs_without_the_packages_of_extras(core: set[str], tmp_path: 
         "console": (["up", "--console", "--state", str(tmp_path)], ["console"]),
     }
     lines = [line for each in wanting.values() for line in each]
-    tops, failures, outputs = run(missing, modules, *helps, *lines)
+    cases = [[sorted(missing - names(requirements(extra).values())), OF_EXTRA[extra]] for extra in OF_EXTRA]
+    given = json.dumps([sorted(missing), sorted(modules), [*helps, *lines], cases])
+    command = (sys.executable, str(PROGRAM))
+    ran = subprocess.run(command, input=given, capture_output=True, text=True, timeout=300)
+    assert ran.returncode == 0, ran.stderr
+    tops, failures, outputs, of_extras = json.loads(ran.stdout)
     assert {"av", "matplotlib", "mcap", "nicegui", "zstandard"} <= set(tops)
     failed = {module for module, package in failures.items() if package not in OF_ROS}
     assert failed == {module for each in OF_EXTRA.values() for module in each}
@@ -125,13 +121,7 @@ def test_the_core_runs_without_the_packages_of_extras(core: set[str], tmp_path: 
             assert (code, len(output.splitlines())) == (1, 1), (line, output, error)
             assert f"need the extra {extra} (" in output
             assert f"[{extra}]" in output or all(name in output for name in requirements(extra))
-
-
-@pytest.mark.parametrize("extra", OF_EXTRA)
-def test_an_extra_needs_no_other_one(extra: str, core: set[str]) -> None:
-    missing = names(requirements("all").values()) - core - names(requirements(extra).values())
-    _, failures, _ = run(missing, OF_EXTRA[extra])
-    assert failures == {}
+    assert dict(zip(OF_EXTRA, of_extras, strict=True)) == {extra: {} for extra in OF_EXTRA}
 
 
 def test_all_and_the_tests_have_every_extra_but_that_of_the_benches() -> None:

@@ -28,7 +28,7 @@ def test_passes(tmp_path):
 MODULE = 'import pytest\npytest.importorskip("no_such_module", reason="a module is not installed")\n'
 
 
-@pytest.mark.parametrize(("no_skips", "workers"), [("", "-q"), ("1", "--numprocesses=2")])
+@pytest.mark.parametrize(("no_skips", "workers"), [("", "-q"), ("1", "--numprocesses=1")])
 def test_failures_are_explained_and_unexpected_skips_fail_the_run(tmp_path: Path, no_skips: str, workers: str) -> None:
     (tmp_path / "test_some.py").write_text(TEST)
     (tmp_path / "test_module.py").write_text(MODULE)

@@ -72,7 +72,7 @@ def robots(
         with Orb(settings.naming) as orb:
             orders = orders_in(*_places(orb))
             with view_for(console) as view:
-                running = Fleet(orders, settings.state, settings.naming, view, starting, restart, start_limit)
+                running = Fleet(orders, settings, view, starting, restart, start_limit)
                 is_fine = running.run(orb)
     if not is_fine:
         raise typer.Exit(1)

@@ -79,7 +79,7 @@ def ros2(
             interfaces.update(places)
             node.start()
             echo(f"ROS domain {node.domain}: {', '.join(sorted(places)) or 'no robots yet'}")
-            _serve(stop, system, served, node, publisher, interfaces, lasers)
+            _serve(stop, system, served, publisher, interfaces, lasers)
 
 
 def _node(domain: int | None) -> RosNode:
@@ -97,7 +97,6 @@ def _serve(
     stop: StopSignal,
     system: LiveSystem,
     served: ServedMap,
-    node: RosNode,
     publisher: RosPublisher,
     interfaces: RobotInterfaces,
     lasers: ContinuousScans | None,
@@ -116,6 +115,4 @@ def _serve(
             found = ""
         except RoboCorbaError as error:
             found = str(error)
-        if found != interfaces.problem:
-            interfaces.problem = found
-            node.warn(found) if found else node.info("the system answers again")
+        interfaces.note(found)

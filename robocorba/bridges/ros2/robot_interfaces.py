@@ -24,7 +24,7 @@ from robocorba.system.repeating import Repeating
 
 class RobotInterfaces:
     """Makes interfaces of robots that come, closes those of robots that leave, and publishes `/diagnostics`, until
-    `close`. problem: why the system can't be followed, empty if it can."""
+    `close`."""
 
     def __init__(
         self,
@@ -38,7 +38,7 @@ class RobotInterfaces:
         self._frames, self._is_stamped = frames, is_stamped
         self._robots: dict[str, tuple[RobotOrders, RobotInterface]] = {}
         #: Why the system can't be followed at present.
-        self.problem = ""
+        self._problem = ""
         self._topics = RosTopics(node)  # the publisher's are for its own thread
         self._messages = Messages(self._topics)
         self._diagnostics = Repeating("diagnostics", self._diagnose, 1.0).start()
@@ -59,6 +59,12 @@ class RobotInterfaces:
                 interface = RobotInterface(self._node, robot, orders, self._goal_of(name, robot), self._is_stamped)
                 self._robots = {**self._robots, name: (orders, interface)}  # for the other thread
 
+    def note(self, problem: str) -> None:
+        """Show why the system can't be followed, empty if it can; say so when that changes."""
+        if problem != self._problem:
+            self._problem = problem
+            self._node.warn(problem) if problem else self._node.info("the system answers again")
+
     def _goal_of(self, name: str, robot: str) -> Callable[[str, float, float, float], Pose]:
         def goal(frame: str, x: float, y: float, heading: float) -> Pose:
             place = self._publisher.places[1].get(name)
@@ -69,7 +75,7 @@ class RobotInterfaces:
         return goal
 
     def _diagnose(self) -> None:
-        statuses = [system_status(self._messages, self.problem)]
+        statuses = [system_status(self._messages, self._problem)]
         try:
             agents = set(robots(self._orb))
         except NotReachable:

@@ -34,8 +34,9 @@ class RobotOrders:
         self._agent: RemoteAgent | None = None
         #: The last program that was loaded and was no goal; empty if none is known.
         self._program = ""
-        #: The goal to which the robot was sent last, until it is known what became of it.
+        #: The goal to which the robot was sent last, and the last one of which it is known what became of it.
         self._driven: Pose | None = None
+        self._ended: Pose | None = None
         self._problems: dict[str, tuple[str, float]] = {}
         self._velocities = LastOrder(f"{name} velocity", self._drive, lambda why: self._note("velocity", why))
         self._goals = LastOrder(f"{name} goal", self._drive_to, lambda why: self._note("goal", why))
@@ -70,8 +71,8 @@ class RobotOrders:
         driven = self._driven
         state, display = self.order(lambda agent: (agent.state(), agent.display()))
         result = state.program.result if state.program.name == GOAL else ProgramResult.DONE
-        if driven and driven is self._driven and result is not ProgramResult.NO_RESULT:
-            self._driven = None
+        if driven and driven is self._driven is not self._ended and result is not ProgramResult.NO_RESULT:
+            self._ended = driven
             if result is not ProgramResult.DONE:
                 at = f"{driven.floor}:{driven.x:.2f},{driven.y:.2f}"
                 self._warn(f"{self.name}: goal {at} was not reached: {result.name.lower()}: {state.program.reason}")

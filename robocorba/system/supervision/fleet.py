@@ -6,14 +6,13 @@ import asyncio
 import contextlib
 import signal
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple, Protocol
 
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.registered_robots import floors_of_robots
 from robocorba.system.processes import RobotOrder
-from robocorba.system.settings import Address
+from robocorba.system.settings import Settings
 from robocorba.system.supervision.process import GRACE_PERIOD_S, ProcessSpec, Supervised
 from robocorba.system.supervision.robots import ProgressLines, Robots, robot_spec
 from robocorba.system.supervision.starter import Starter
@@ -44,21 +43,20 @@ class View(Protocol):
 
 
 class Fleet:
-    """orders: the robots. state: the state folder, naming: the naming service of all of them. starting: maximum number
-    of robots that start at a time. restarts: whether robots that end are started again. start_limit_s: timeout for a
-    robot to be ready [s]."""
+    """orders: the robots. settings: state folder and naming service of all of them. starting: maximum number of robots
+    that start at a time. restarts: whether robots that end are started again. start_limit_s: timeout for a robot to be
+    ready [s]."""
 
     def __init__(
         self,
         orders: Sequence[RobotOrder],
-        state: Path,
-        naming: Address,
+        settings: Settings,
         view: View,
         starting: int,
         restarts: bool,
         start_limit_s: float,
     ) -> None:
-        self._orders, self._state, self._naming, self._view = orders, state, naming, view
+        self._orders, self._settings, self._view = orders, settings, view
         self._starting, self._restarts, self._start_limit_s = starting, restarts, start_limit_s
         self._processes: dict[str, Supervised] = {}
         self._lines: dict[str, ProgressLines] = {}
@@ -126,7 +124,8 @@ class Fleet:
     def _spec(self, order: RobotOrder) -> ProcessSpec:
         lines = self._lines[order.name] = ProgressLines(order.process, self._changed.set)
         grace_period_s = GRACE_PERIOD_S + 0.2 * len(self._orders)  # they log off all together
-        return robot_spec(order, self._state, self._naming, self._start_limit_s, lines, grace_period_s)
+        settings = self._settings
+        return robot_spec(order, settings.state, settings.naming, self._start_limit_s, lines, grace_period_s)
 
     def rows(self) -> list[Row]:
         """The robots in their order."""
