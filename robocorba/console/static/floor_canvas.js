@@ -9,6 +9,8 @@ const TOOLS_PX = 36;
 const MIN_PX_PER_M = 0.5;
 const MAX_PX_PER_M = 2000;
 const PICK_PX = 10;
+// A shorter drag is a click.
+const CLICK_PX = 5;
 const LABEL_FONT = "12px system-ui, sans-serif";
 const LABEL_PX = 14;
 // Pictures of labels that are kept.
@@ -72,7 +74,7 @@ export class FloorCanvas {
       pointerleave: (event) => this.handlers.pointer?.("leave", event, this.point(event), this),
       dblclick: (event) => this.handlers.pointer?.("double", event, this.point(event), this),
       wheel: (event) => this.wheel(event),
-      contextmenu: (event) => event.preventDefault(),
+      contextmenu: (event) => this.menu(event),
     };
     for (const [name, listener] of Object.entries(this.listeners)) {
       canvas.addEventListener(name, listener, { passive: false });
@@ -189,6 +191,7 @@ export class FloorCanvas {
     this.canvas.focus({ preventScroll: true });
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, [event.clientX, event.clientY]);
+    this.pressed = [event.clientX, event.clientY];
     // A second finger pans and zooms: what the first one has begun ends.
     if (this.drag === "owner") this.handlers.pointer?.("cancel", event, this.point(event), this);
     const isMiddle = event.button === 1 || event.button === 2;
@@ -218,7 +221,18 @@ export class FloorCanvas {
   pointerUp(event, kind) {
     if (!this.pointers.delete(event.pointerId)) return;
     if (this.drag === "owner") this.handlers.pointer?.(kind, event, this.point(event), this);
+    else if (event.button === 2 && this.isClick(event)) this.handlers.pointer?.("menu", event, this.point(event), this);
     if (!this.pointers.size) this.drag = null;
+  }
+
+  isClick({ clientX, clientY }) {
+    return Math.hypot(clientX - this.pressed[0], clientY - this.pressed[1]) < CLICK_PX;
+  }
+
+  // A long touch is what a right click is to a mouse; that is told when the button goes up, since it also pans.
+  menu(event) {
+    event.preventDefault();
+    if (event.pointerType === "touch") this.handlers.pointer?.("menu", event, this.point(event), this);
   }
 
   wheel(event) {

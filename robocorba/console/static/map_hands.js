@@ -42,7 +42,7 @@ export class MapHands {
 
   pointer(kind, event, point) {
     const tool = this.page.toolDefinition;
-    if (tool.name === "pan") return false;
+    if (tool.name === "pan" || kind === "menu") return false;
     if (kind === "leave") {
       if (!this.press) this.showCursor(null);
       return false;

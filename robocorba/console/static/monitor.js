@@ -6,6 +6,7 @@ import { BEFORE_S, recordedPlan } from "/static/past.js";
 import { displayText } from "/static/robot_display.js";
 import { Collisions, ageText, robotRows } from "/static/robot_rows.js";
 import { BodyDrag } from "/static/body_drag.js";
+import DriveNote from "/static/drive_note.js";
 import { MonitorScene } from "/static/monitor_scene.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
 import ChannelGraph from "/static/channel_graph.js";
@@ -24,8 +25,8 @@ const RIGHTS_MS = 5000;
 
 export default {
   components: {
-    ChannelGraph, HappeningList, PastNote, ProcessList, RayLegend, RobotPanel, RobotTable, SimulationBar, TabList,
-    TimeBar,
+    ChannelGraph, DriveNote, HappeningList, PastNote, ProcessList, RayLegend, RobotPanel, RobotTable, SimulationBar,
+    TabList, TimeBar,
   },
   template: `
     <div class="console-split">
@@ -41,6 +42,9 @@ export default {
           <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
           <PastNote v-if="!past.isLive" :past="past" :events="events" @live="$refs.time.goLive()" />
           <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
+          <DriveNote v-else-if="places && robot" :robot="robot" :radius="radiusOf(robot.name)" :places="places"
+                     @ways="scene.drive = $event; canvas.redraw()" @undo="places = places.slice(0, -1)"
+                     @close="places = null" />
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <RayLegend v-if="past.isLive" :scans="seen" />
           <div class="console-tools" role="toolbar" aria-label="View">
@@ -79,7 +83,8 @@ export default {
       past: { isLive: true }, then: null, trouble: "",
       shown: { scans: true, ways: true, roads: false }, isMoving: false,
         isPicking: false,
-      picked: null, processes: {},
+      // Where the selected robot is to drive, null while the tool is not in use.
+      places: null, picked: null, processes: {},
     };
   },
   computed: {
@@ -88,6 +93,9 @@ export default {
     },
     robot() {
       return this.robots.find((each) => each.name === this.selected);
+    },
+    mayDrive() {
+      return Boolean(this.past.isLive && this.robot?.agent && this.robot.at);
     },
     hint() {
       if (this.isPicking) return "click a free place; Escape cancels";
@@ -109,6 +117,11 @@ export default {
         {
           name: "follow", icon: "my_location", title: "Follow the selected robot (F)", isOn: this.isFollowing,
           press: () => this.follow(),
+        },
+        {
+          name: "drive", icon: "near_me", isOn: this.places !== null, disable: !this.mayDrive,
+          title: this.robot ? "Drive the selected robot here (D, or a right click)" : "Select a robot to drive it",
+          press: () => this.startDrive(),
         },
         toggle("scans", "sensors", "Lasers and proximity"),
         toggle("ways", "route", "Planned ways and reserved areas"),
@@ -156,12 +169,18 @@ export default {
   watch: {
     selected() {
       this.canvas.selected = this.selected;
+      this.places = null;
       this.note();
       this.updateThen();
       this.updateTable();
       this.showLayers();
     },
+    places() {
+      if (!this.places) this.scene.drive = [];
+      this.canvas.redraw();
+    },
     isMoving() {
+      this.places = null;
       if (!this.isMoving) this.drag.cancel();
     },
   },
@@ -229,7 +248,7 @@ export default {
       const { isLive, at, recording } = news;
       this.past = { isLive, at, recording, floors: recording ? news.floors ?? this.past.floors : undefined };
       this.scene.isPast = !news.isLive;
-      if (!news.isLive) this.isMoving = false;
+      if (!news.isLive) [this.isMoving, this.places] = [false, null];
       const names = this.shownFloors;
       if (!names.includes(this.current)) this.display(this.firstOf(names));
       else if (wasOther) this.display(this.current);
@@ -322,7 +341,19 @@ export default {
       this.isPicking = isPicking;
       if (!isPicking) this.picked = null;
     },
+    // Begin to choose where the selected robot drives, or end it.
+    startDrive() {
+      this.isMoving = false;
+      this.places = this.places || !this.mayDrive ? null : [];
+    },
+    driveTo([x, y]) {
+      this.places = [...this.places ?? [], { floor: this.current, x, y }];
+    },
+    radiusOf(name) {
+      return this.canvas.floor?.body(name)?.radius;
+    },
     pointer(kind, event, point) {
+      if (kind === "menu" && this.mayDrive) this.driveTo(point);
       if (this.drag.isActive) return this.drag.pointer(kind, point);
       if (kind !== "down") return false;
       if (this.isPicking) {
@@ -331,6 +362,10 @@ export default {
         return true;
       }
       const body = this.canvas.bodyAt(point) ?? this.scene.lostAt(point);
+      if (this.places && (!body || body.kind === "object")) {
+        this.driveTo(point);
+        return true;
+      }
       if (!body) return false;
       if (body.kind !== "object") this.select(body.name);
       const mayMove = this.isMoving && this.past.isLive && body.number !== undefined;
@@ -351,6 +386,7 @@ export default {
       else if (event.key === "-") this.canvas.zoom(1 / 1.4);
       else if (event.key === "0") this.canvas.fit();
       else if (event.key === "f" || event.key === "F") this.follow();
+      else if (event.key === "d" || event.key === "D") this.startDrive();
       else return;
       event.preventDefault();
     },
@@ -358,6 +394,7 @@ export default {
     escape() {
       if (this.drag.isActive) this.drag.cancel();
       else if (this.isPicking) this.pick(false);
+      else if (this.places) this.places = null;
       else if (this.isMoving) this.isMoving = false;
       else if (this.isFollowing) this.isFollowing = false;
       else this.selected = "";

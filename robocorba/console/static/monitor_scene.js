@@ -28,6 +28,8 @@ export class MonitorScene {
     // The body that is dragged: {body, x, y, heading}; and the last refusal: {text, x, y, until}.
     this.moved = null;
     this.refusal = null;
+    // The way that the selected robot would drive: points with their floor, x and y.
+    this.drive = [];
     canvas.overlays.push(this);
     canvas.describe = (body) => this.describe(body);
   }
@@ -69,6 +71,8 @@ export class MonitorScene {
       else if (!this.isPast && this.robots.get(body.name)?.condition === "stopped") this.drawStopped(context, body);
     }
     if (this.moved) this.drawMoved(context);
+    this.drawRun(context, this.drive.filter(({ floor }) => floor === this.floorName).map(({ x, y }) => [x, y]), 4,
+      this.canvas.colors.selected);
   }
 
   labels(context) {
@@ -154,21 +158,28 @@ export class MonitorScene {
     if (!runs.length || robot.isSilent) return;
     const { canvas } = this;
     const body = canvas.floor?.body(robot.name);
-    context.strokeStyle = canvas.colors.path;
     for (const run of runs) {
       const points = body ? ahead(run.points, body) : run.points;
-      context.lineWidth = canvas.px(robot.name === canvas.selected ? 4 : 2);
-      context.setLineDash([canvas.px(8), canvas.px(5)]);
-      context.beginPath();
-      points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
-      context.stroke();
-      context.setLineDash([]);
-      const [x, y] = points[points.length - 1];
-      const size = canvas.px(6);
-      context.lineWidth = canvas.px(2);
-      line(context, [x - size, y - size], [x + size, y + size]);
-      line(context, [x - size, y + size], [x + size, y - size]);
+      this.drawRun(context, points, robot.name === canvas.selected ? 4 : 2, canvas.colors.path);
     }
+  }
+
+  // A dashed way on this floor, with a cross at its end.
+  drawRun(context, points, width, color) {
+    if (!points.length) return;
+    const { canvas } = this;
+    context.strokeStyle = color;
+    context.lineWidth = canvas.px(width);
+    context.setLineDash([canvas.px(8), canvas.px(5)]);
+    context.beginPath();
+    points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
+    context.stroke();
+    context.setLineDash([]);
+    const [x, y] = points[points.length - 1];
+    const size = canvas.px(6);
+    context.lineWidth = canvas.px(2);
+    line(context, [x - size, y - size], [x + size, y + size]);
+    line(context, [x - size, y + size], [x + size, y - size]);
   }
 
   drawReservation(context, { areas, phase }) {
