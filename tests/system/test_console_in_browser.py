@@ -10,6 +10,7 @@ import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from re import Pattern
+from typing import Literal
 
 import pytest
 
@@ -126,11 +127,13 @@ class Operator:
         centre_x, centre_y = map(float, (canvas.get_attribute("data-centre") or "").split())
         return box["width"] / 2 + (x - centre_x) * scale, box["height"] / 2 - (y - centre_y) * scale
 
-    def click_map(self, canvas: Locator, *points: tuple[float, float]) -> None:
+    def click_map(
+        self, canvas: Locator, *points: tuple[float, float], button: Literal["left", "right"] = "left"
+    ) -> None:
         """Click points of the shown floor [m]."""
         for x, y in points:
             px, py = self.pixel(canvas, x, y)
-            canvas.click(position={"x": px, "y": py})
+            canvas.click(position={"x": px, "y": py}, button=button)
 
     # ---- map ----
 
@@ -263,6 +266,24 @@ class Operator:
             self.click_map(canvas, at)
             expect(self.robot_row(name)).to_have_attribute("aria-selected", "true")
             expect(self.fact("pose")).to_have_text(re.compile(rf"L1: {at[0]:.1f}\d m, {at[1]:.1f}\d m, 0°"))
+
+    def drive_here(self) -> None:
+        """The selected robot drives to two places; where it can't, the monitor says why."""
+        canvas, note = self.page.get_by_label(re.compile("Floor L1")), self.page.locator(".drive-note")
+        self.press("d")
+        expect(note).to_contain_text("click where R2 is to drive")
+        self.click_map(canvas, (2.5, 6.0), (2.5, 5.0))
+        expect(note).to_have_text(re.compile(r"R2: 2\.[45] m, about \d+ s"))
+        self.click_map(canvas, (0.1, 3.0))
+        expect(note).to_contain_text("is not free")
+        self.button("Undo", note).click()
+        self.button("Drive", note).click()
+        expect(self.fact("result")).to_have_text("done")
+        expect(self.fact("pose")).to_contain_text("L1: 2.5")
+        self.click_map(canvas, (0.1, 3.0), button="right")
+        expect(note).to_contain_text("is not free")
+        self.press("Escape")
+        expect(note).to_have_count(0)
 
     def robot_row(self, name: str) -> Locator:
         """The row of a robot in the monitor's table."""
@@ -513,7 +534,7 @@ def operator(program: str, address: str) -> Iterator[Operator]:
 #: Each goes on from where the one before ended.
 STEPS: tuple[Callable[[Operator], None], ...] = (
     *(Operator.draw_building, Operator.put_table, Operator.check_and_plan, Operator.start_robots),
-    *(Operator.build_program, Operator.repair_program, Operator.run_program, Operator.watch_in_2d),
+    *(Operator.drive_here, Operator.build_program, Operator.repair_program, Operator.run_program, Operator.watch_in_2d),
     *(Operator.watch_in_3d, Operator.start_and_abort_mission, Operator.look_back),
 )
 

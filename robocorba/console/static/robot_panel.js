@@ -24,7 +24,7 @@ export default {
                @click="order('stop')" />
         <q-btn v-if="robot.condition === 'stopped'" dense no-caps outline label="Release stop"
                @click="order('reset_stop')" />
-        <q-btn v-if="robot.isHere" dense no-caps outline label="Place" :disable="!rights.administrator"
+        <q-btn v-if="robot.isHere" dense no-caps outline label="Teleport" :disable="!rights.administrator"
                :aria-expanded="isPlacing"
                :title="rights.administrator ? 'Put it at a pose' : administratorHint" @click="openPlace" />
         <SureButton v-if="robot.isHere" label="Log off" :question="'Log ' + short + ' off?'"
@@ -42,7 +42,7 @@ export default {
         <label>x, m <input v-model.number="pose.x" type="number" step="0.05" required></label>
         <label>y, m <input v-model.number="pose.y" type="number" step="0.05" required></label>
         <label>heading, \u00b0 <input v-model.number="pose.degrees" type="number" step="15" required></label>
-        <q-btn dense no-caps color="primary" type="submit" label="Place here" />
+        <q-btn dense no-caps color="primary" type="submit" label="Teleport" />
       </form>
       <p v-if="error" class="panel-error is-problem" role="alert">{{ error }}</p>
       <template v-if="!past.isLive">
