@@ -301,6 +301,17 @@ class Live {
     this.notify("postures", floor);
   }
 
+  // Whether the building is known: one without floors has none to show, and nothing is to be waited for.
+  get isKnown() {
+    return this.isConnected && this.mapVersion > 0 && !this.problems.floors;
+  }
+
+  // Why no floor can be shown.
+  get withoutFloors() {
+    if (this.isKnown) return "the building has no floors yet: draw them on the page Map";
+    return this.problems.floors || "connecting";
+  }
+
   setConnected(isConnected) {
     this.isConnected = isConnected;
     this.notify("connection");

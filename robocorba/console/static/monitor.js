@@ -61,7 +61,7 @@ export default {
         <div v-show="side === 'Robots'" class="side-robots">
           <RobotTable :class="{ 'is-now': !past.isLive }" :note="past.isLive ? '' : 'The robots as they are now:'"
                       :robots="robots" :selected="selected"
-                      :is-connected="floors.length > 0" @select="select" />
+                      :is-connected="isKnown" @select="choose" />
           <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :scans="scans" :rights="rights"
                       :floors="floors" :past="past" :then="then"
                       :process="processes[robot.name]" @forgotten="select('')" />
@@ -77,7 +77,7 @@ export default {
   data() {
     return {
       floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false,
-        message: "connecting",
+        isKnown: false, message: "connecting",
       sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], seen: [], rights: {}, events: [],
         channels: [],
       past: { isLive: true }, then: null, trouble: "",
@@ -189,7 +189,8 @@ export default {
       if (kind === "connection") {
         this.floors = live.names;
         if (this.past.isLive && !this.floors.includes(this.current)) this.display(this.firstOf(this.floors));
-        if (!this.floors.length) this.message = live.problems.floors || "connecting";
+        if (!this.floors.length) this.message = live.withoutFloors;
+        this.isKnown = live.isKnown;
       }
       if (kind === "floor" && name === this.current && this.past.isLive) {
         this.followBody();
@@ -327,6 +328,12 @@ export default {
       const robot = this.robots.find((each) => each.name === name);
       if (this.past.isLive && robot?.floor && robot.floor !== this.current
         && this.floors.includes(robot.floor)) this.show(robot.floor);
+    },
+    // A row of the table was chosen: its robot comes to the middle of an enlarged floor.
+    choose(name) {
+      this.select(name);
+      const body = this.canvas.floor?.body(name);
+      if (body && !this.canvas.isFitted) this.canvas.centreOn(body.x, body.y);
     },
     follow() {
       this.isFollowing = !this.isFollowing;

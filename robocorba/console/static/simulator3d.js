@@ -153,7 +153,7 @@ export default {
       if (this.graphics) this.message = this.graphics;
       else if (this.isPool && this.link?.problem) this.message = this.link.problem;
       else if (this.isPool && !this.link?.floor) this.message = `waiting for ${this.source}'s data pool`;
-      else if (!this.floors.length) this.message = live.problems.floors || "connecting";
+      else if (!this.floors.length) this.message = live.withoutFloors;
       else if (!this.meshes.size) this.message = live.problems.map || "loading the map";
       else this.message = live.isConnected ? "" : "the connection is lost; this is the last that was seen";
     },
