@@ -64,10 +64,10 @@ export default {
               <span class="map-help">{{ help }}</span>
             </div>
             <div class="console-tools">
-              <q-btn dense round color="primary" icon="fit_screen" aria-label="Show the whole floor"
+              <q-btn dense flat icon="fit_screen" aria-label="Show the whole floor"
                   @click="canvas.fit()" />
-              <q-btn dense round color="primary" icon="add" aria-label="Enlarge" @click="canvas.zoom(1.4)" />
-              <q-btn dense round color="primary" icon="remove" aria-label="Reduce" @click="canvas.zoom(1 / 1.4)" />
+              <q-btn dense flat icon="add" aria-label="Enlarge" @click="canvas.zoom(1.4)" />
+              <q-btn dense flat icon="remove" aria-label="Reduce" @click="canvas.zoom(1 / 1.4)" />
             </div>
             <div class="map-message" :class="{ 'is-problem': message.isProblem }" role="status">{{ message.text }}</div>
           </div>

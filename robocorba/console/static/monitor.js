@@ -48,7 +48,7 @@ export default {
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <RayLegend v-if="past.isLive" :scans="seen" />
           <div class="console-tools" role="toolbar" aria-label="View">
-            <q-btn v-for="tool in tools" :key="tool.name" dense round :color="tool.isOn ? 'accent' : 'primary'"
+            <q-btn v-for="tool in tools" :key="tool.name" dense flat :class="{ 'is-first': tool.isFirst }"
                    :icon="tool.icon" :aria-label="tool.title" :aria-pressed="tool.isOn" :title="tool.title"
                    :disable="tool.disable" @click="tool.press" />
           </div>
@@ -103,7 +103,7 @@ export default {
     },
     tools() {
       const toggle = (name, icon, title) => ({
-        name, icon, title, isOn: this.shown[name],
+        name, icon, title, isOn: this.shown[name], isFirst: name === "scans",
         press: () => {
           this.shown[name] = !this.shown[name];
           this.showLayers();
@@ -118,14 +118,14 @@ export default {
           name: "follow", icon: "my_location", title: "Follow the selected robot (F)", isOn: this.isFollowing,
           press: () => this.follow(),
         },
-        {
-          name: "drive", icon: "near_me", isOn: this.places !== null, disable: !this.mayDrive,
-          title: this.robot ? "Drive the selected robot here (D, or a right click)" : "Select a robot to drive it",
-          press: () => this.startDrive(),
-        },
         toggle("scans", "sensors", "Lasers and proximity"),
         toggle("ways", "route", "Planned ways and reserved areas"),
         toggle("roads", "hub", "Nodes and edges"),
+        {
+          name: "drive", icon: "near_me", isFirst: true, isOn: this.places !== null, disable: !this.mayDrive,
+          title: this.robot ? "Drive the selected robot here (D, or a right click)" : "Select a robot to drive it",
+          press: () => this.startDrive(),
+        },
         {
           name: "move", icon: "open_with", isOn: this.isMoving, disable: !this.rights.administrator
             || !this.past.isLive,

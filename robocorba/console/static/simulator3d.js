@@ -50,20 +50,20 @@ export default {
                   @live="$refs.time.goLive()" />
         <div v-if="message" class="console-overlay"><span>{{ message }}</span></div>
         <div class="console-tools">
-          <q-btn dense round color="primary" icon="fit_screen" aria-label="Show everything" title="show everything (0)"
+          <q-btn dense flat icon="fit_screen" aria-label="Show everything" title="show everything (0)"
                  @click="lookAtAll" />
-          <q-btn dense round color="primary" icon="add" aria-label="Enlarge" @click="view.turn(0, 0, 0.8)" />
-          <q-btn dense round color="primary" icon="remove" aria-label="Reduce" @click="view.turn(0, 0, 1.25)" />
-          <q-btn dense round :color="isFollowing ? 'accent' : 'primary'" icon="my_location" :disable="!selected"
+          <q-btn dense flat icon="add" aria-label="Enlarge" @click="view.turn(0, 0, 0.8)" />
+          <q-btn dense flat icon="remove" aria-label="Reduce" @click="view.turn(0, 0, 1.25)" />
+          <q-btn dense flat icon="my_location" :disable="!selected"
                  :aria-pressed="isFollowing" aria-label="Follow the robot" title="follow the robot"
                  @click="isFollowing = !isFollowing" />
-          <q-btn dense round :color="hasRays ? 'accent' : 'primary'" icon="sensors" :aria-pressed="hasRays"
+          <q-btn dense flat icon="sensors" :aria-pressed="hasRays"
                  aria-label="Rays of the sensors" title="rays of the sensors" @click="hasRays = !hasRays" />
-          <q-btn dense round :color="hasNames ? 'accent' : 'primary'" icon="label" :aria-pressed="hasNames"
+          <q-btn dense flat icon="label" :aria-pressed="hasNames"
                  aria-label="Names" title="names" @click="hasNames = !hasNames" />
-          <q-btn dense round :color="isPosing ? 'accent' : 'primary'" icon="back_hand"
+          <q-btn dense flat icon="back_hand"
                  :disable="!selected || !past.isLive" :aria-pressed="isPosing" aria-label="Pose a hand" title="pose a hand" @click="isPosing = !isPosing" />
-          <q-btn dense round color="primary" icon="download" aria-label="The robot as URDF" title="the robot as URDF"
+          <q-btn dense flat icon="download" aria-label="The robot as URDF" title="the robot as URDF"
                  type="a" href="/robot.urdf" />
         </div>
         <RayLegend v-if="!selected" :scans="scans" />

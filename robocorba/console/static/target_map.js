@@ -30,10 +30,10 @@ export const TargetMap = {
                 @keydown="key"></canvas>
         <div v-if="message" class="console-overlay">{{ message }}</div>
         <div class="console-tools">
-          <q-btn dense round size="sm" color="primary" icon="fit_screen" aria-label="Show the whole floor"
+          <q-btn dense flat size="sm" icon="fit_screen" aria-label="Show the whole floor"
                  @click="canvas.fit()" />
-          <q-btn dense round size="sm" color="primary" icon="add" aria-label="Enlarge" @click="canvas.zoom(1.4)" />
-          <q-btn dense round size="sm" color="primary" icon="remove" aria-label="Reduce"
+          <q-btn dense flat size="sm" icon="add" aria-label="Enlarge" @click="canvas.zoom(1.4)" />
+          <q-btn dense flat size="sm" icon="remove" aria-label="Reduce"
                  @click="canvas.zoom(1 / 1.4)" />
         </div>
       </div>
