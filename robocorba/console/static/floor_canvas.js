@@ -273,6 +273,7 @@ export class FloorCanvas {
     this.labels.begin(this.width, this.height, this.covered);
     if (this.areNamesShown) this.drawNames();
     for (const overlay of this.overlays) overlay.labels?.(context, this);
+    if (this.areNamesShown) this.drawAreaNames();
     this.labels.end();
   }
 
@@ -457,7 +458,6 @@ export class FloorCanvas {
 
   // Robots always have their names; objects and areas where there is room.
   drawNames() {
-    const { context, colors } = this;
     const isVisible = (body) => this.isVisible(...this.pixel(body.x, body.y));
     const bodies = [...(this.floor?.bodies.values() ?? [])].filter(isVisible);
     const robots = bodies.filter((body) => body.kind !== "object");
@@ -472,9 +472,12 @@ export class FloorCanvas {
       this.drawLabel(body.number, shortened(body.name, 20), body, { note, noteColor, isBold, mustShow: true });
     }
     for (const body of bodies) if (body.kind === "object") this.drawLabel(body.number, shortened(body.name, 20), body);
+  }
+
+  // What is large has its name where the others have left room.
+  drawAreaNames() {
     for (const elevator of this.plan.elevators) this.drawAreaName(this.elevatorText(elevator), elevator.at);
     for (const area of this.plan.areas) this.drawAreaName(shortened(area.name, 24), middleOf(area.polygon));
-    context.fillStyle = colors.text;
   }
 
   // An elevator's name, where its cabin is and how many wait; or that it does not stop on this floor.
@@ -488,19 +491,19 @@ export class FloorCanvas {
   }
 
   // A name beside a disc {x, y, radius} of the floor.
-  drawLabel(key, text, disc, { note = "", noteColor, isBold = false, mustShow = false } = {}) {
+  drawLabel(key, text, disc, { note = "", noteColor, color, isBold = false, mustShow = false, isWithin = false } = {}) {
     const { context, colors } = this;
     context.font = isBold ? `bold ${LABEL_FONT}` : LABEL_FONT;
     const lines = note ? [text, note] : [text];
     const width = Math.max(...lines.map((line) => this.labels.width(context, line))) + 4;
     const height = LABEL_PX * lines.length;
     const [px, py] = this.pixel(disc.x, disc.y);
-    const offers = around(px, py, disc.radius * this.scale, width, height);
+    const offers = [...isWithin ? [[px, py]] : [], ...around(px, py, disc.radius * this.scale, width, height)];
     const place = this.labels.place(key, offers, width, height, mustShow);
     if (!place) return;
     lines.forEach((line, index) => {
       const y = place[1] - height / 2 + LABEL_PX * (index + 0.5);
-      this.drawText(line, place[0], y, index ? noteColor ?? colors.collision : colors.text);
+      this.drawText(line, place[0], y, index ? noteColor ?? colors.collision : color ?? colors.text);
     });
   }
 

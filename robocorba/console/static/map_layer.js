@@ -217,13 +217,14 @@ export class MapLayer {
       write(`${shortened(members.name, 20)} stands here now`, canvas.pixel(x, y), colors.selected);
     }
     if (canvas.scale > 25) {
-      for (const node of this.elements.of("node")) {
-        const [px, py] = canvas.pixel(...node.members.at);
-        write(shortened(node.name, 16), [px, py - 8], colors.node);
-      }
       for (const object of this.elements.of("object")) {
-        const [px, py] = canvas.pixel(...object.members.at);
-        write(shortened(object.name, 18), [px, py + 6], colors.text);
+        const [x, y] = object.members.at;
+        canvas.drawLabel(`object ${object.name}`, shortened(object.name, 18), { x, y, radius: 0 }, { isWithin: true });
+      }
+      for (const node of this.elements.of("node")) {
+        const [x, y] = node.members.at;
+        const spot = { x, y, radius: canvas.px(5) };
+        canvas.drawLabel(`node ${node.name}`, shortened(node.name, 16), spot, { color: colors.node });
       }
     }
     if (this.cursor && this.tool?.points) {
