@@ -16,6 +16,7 @@ EXAMPLES = {
     "events.test_federation_machine:FederationMachine": 300,
     "map_editor.test_proposals:ProposalMachine": 300,
     "missions.test_succession_of_leaders:Succession": 800,
+    "orb.test_pool_follower:Following": 80,
     "robot.test_alone:SharedStops": 1000,
     "robot.test_emergency_stop:Stops": 300,
     "robot.test_program_runs:Runs": 80,
