@@ -1,4 +1,4 @@
-"""Every operation of the map editor over the wire, and every exception with its fields."""
+"""The map editor over the wire: each kind of element, transactions, exceptions with their fields, and kills."""
 
 from __future__ import annotations
 

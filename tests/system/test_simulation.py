@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import os
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -29,9 +28,7 @@ from testkit.simulation import (
     error_lines,
     is_gone,
     simulation,
-    speed_of,
 )
-from tests.waits import pause
 
 pytestmark = pytest.mark.system
 
@@ -75,19 +72,6 @@ def test_the_threads_of_connections_share_a_core(place: Place) -> None:
     """As all threads that the server's first one starts."""
     assert len(os.sched_getaffinity(place.pid("simulation"))) == 1
     assert os.sched_getaffinity(place.pid("sensor_s1")) == os.sched_getaffinity(0)
-
-
-def test_a_robot_that_logs_off_is_gone_at_once(place: Place) -> None:
-    before = place.log_on("a", *HALL)
-    before.deregister()
-    assert (place.names, state_of(place).robots, place.body("L1", "a")) == (set(), 0, None)
-    a = place.log_on("a", *HALL)
-    for call in (before.state, before.release, before.deregister, lambda: before.command(AHEAD, 5.0)):
-        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
-            call()
-    began = a.state().time
-    eventually(lambda: a.state().time > began + 0.5)
-    assert (a.state().at.x, speed_of(a.state())) == (HALL[0], 0.0)
 
 
 def test_nobody_can_guess_the_reference_of_a_session(place: Place) -> None:
@@ -145,65 +129,6 @@ def test_many_scans_in_one_call_are_those_of_single_calls(place: Place) -> None:
     assert len({tuple(single) for single in singles}) == len(poses)
     last = eventually(lambda: [scan for scan in place.database.lastScans("L3") if scan.robot == "a"])[0]
     assert (last.at.floor, len(last.seen.distances)) == ("L3", spec.rays)
-
-
-def test_a_viewer_reads_scans_postures_and_reservations_of_a_floor(place: Place) -> None:
-    (a, b), database = pair(place), place.database
-    sensor, at = a._get_sensor(), a.state().at
-    laser, ring, mount = sensor.laser(), sensor.proximity(RADIUS_M), RoboCorba.Mount(0.1, 0.0, 0.5)
-    begun = state_of(place).time
-
-    def found() -> Any:
-        for where, spec in ((NO_MOUNT, laser), (mount, ring)):
-            sensor.scan(at, where, spec)
-        return {len(scan.hits): scan for scan in database.scansSince("L1", begun) if scan.robot == "a"}
-
-    seen = eventually(lambda: len(scans := found()) == 2 and scans)
-    assert (seen[181].at.x, seen[181].where.heading, seen[181].spec.range) == (at.x, 0.0, laser.range)
-    assert (seen[8].where.heading, seen[8].spec.rim, seen[8].spec.range) == (0.5, RADIUS_M, ring.range)
-    for scan in seen.values():
-        assert list(scan.hits) == [distance < scan.spec.range for distance in scan.seen.distances]
-    assert seen[181].hits[90] == 1  # b is ahead
-    assert database.scansSince("L3", 0.0) == database.scansSince("L1", seen[181].seen.time + 1e4) == []
-    b.reportPosture([0.25, -1.0])
-    (posture,) = [posture for posture in database.postures("L1", begun) if posture.robot == "b"]
-    assert posture.joints == [0.25, -1.0]
-    area = RoboCorba.FloorArea("L1", [RoboCorba.XY(*corner) for corner in ((4.0, 10.0), (6.0, 10.0), (6.0, 11.0))])
-    b.reserveAreas([area], 60.0)
-    (record,) = database.reservations()
-    assert (record.robot, record.areas[0].onFloor, record.state.phase) == ("b", "L1", RoboCorba.AREAS_GRANTED)
-    place.let_go()
-    assert database.postures("L1", 0.0) == database.scansSince("L1", 0.0) == database.reservations() == []
-    with pytest.raises(RoboCorba.UnknownFloor):
-        database.scansSince("L9", 0.0)
-
-
-def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -> None:
-    a, administrator = place.log_on("a", *HALL), place.administrator
-    eventually(lambda: passed(place, 0.4) == pytest.approx(0.4 * PACE, rel=0.3), what="the pace")
-    administrator.pause()
-    began = state_of(place)
-    a.command(AHEAD, 1.0)
-    assert began.paused
-    administrator.step(25)
-    assert state_of(place).time == pytest.approx(began.time + 0.5)
-    assert (a.state().time, a.state().moving.ahead) == (state_of(place).time, pytest.approx(1.0))
-    administrator.resume()
-    administrator.setPace(0.01)  # a step in 2 s
-    assert passed(place, 0.2) <= 0.02 + 1e-9
-    administrator.setPace(1.0)
-    eventually(lambda: passed(place, 0.2) > 0.05)
-    administrator.setPace(0.0)
-    eventually(lambda: passed(place, 0.4) > 0.4 * 1.5)  # far more, unless others want the machine as well
-    assert (state_of(place).pace, state_of(place).paused) == (0.0, False)
-
-
-def passed(place: Place, seconds: float) -> float:
-    """Simulated seconds in this number of real ones."""
-    began, before = time.monotonic(), state_of(place).time
-    pause(seconds)
-    after = state_of(place).time
-    return float(after - before) * seconds / (time.monotonic() - began)
 
 
 def test_what_changes_is_told_on_the_event_channel(place: Place) -> None:
