@@ -19,7 +19,7 @@ from testkit.processes import eventually
 from tests.system.event_place import Place, PushConsumer, open_place, text
 from tests.waits import stays
 
-COMMANDS = {name: shutil.which(name) for name in ("eventc", "eventf", "events", "rmeventc")}
+COMMANDS = {name: shutil.which(name) for name in ("eventc", "events", "rmeventc")}
 OMNIEVENTS = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin")
 pytestmark = [
     pytest.mark.full,

@@ -283,3 +283,12 @@ def test_one_dies_the_others_go_on_and_all_log_off(robocorba: Start, system_orb:
     assert fleet.end(signal.SIGINT) == 1  # one failed
     assert not {"Lead", "F2"} & {*floors(), *robots(system_orb)}  # F1 stays until its lease expires
     assert not any(map(is_running, family))
+
+
+def test_a_robot_is_started_again_if_wanted(robocorba: Start, system_orb: Orb) -> None:
+    fleet = Fleet(robocorba("robots", "--count", "1", "--prefix", "G", "--restart"))
+    fleet.kill("G1")
+    eventually(lambda: any(line.startswith("G1\tL1\twaiting\t\t") and "\t0\t" not in line for line in fleet.lines))
+    assert RemoteAgent(system_orb, "G1").state().name == "G1"
+    assert fleet.end(signal.SIGTERM) == 0
+    assert "G1" not in floors_of_robots(system_orb)()
