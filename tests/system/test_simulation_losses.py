@@ -7,6 +7,8 @@ import contextlib
 import os
 import signal
 from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from omniORB import CORBA
@@ -32,7 +34,6 @@ from testkit.simulation import (
     error_lines,
     simulation,
 )
-from tests.system.state_files import state_files
 from tests.waits import outlast
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
@@ -120,6 +121,24 @@ def test_who_is_killed_makes_room_and_nobody_else_loses_anything(place: Place) -
             outcome = chaos.round()
             assert outcome.is_right, outcome
     assert {process.state for process in place.running.record().processes} == {"running"}
+
+
+class StateFile(NamedTuple):
+    """content: empty for a folder. mode: the permissions."""
+
+    path: Path
+    content: bytes
+    mode: int
+
+
+def state_files(folder: Path) -> list[StateFile]:
+    """Of the state folder of a running system, and of all that is in it; without what has gone since it was listed."""
+    found = []
+    for path in (folder, *folder.rglob("*")):
+        with contextlib.suppress(FileNotFoundError):
+            content = path.read_bytes() if path.is_file() else b""
+            found.append(StateFile(path, content, path.stat().st_mode & 0o777))
+    return found
 
 
 def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_server(place: Place) -> None:
