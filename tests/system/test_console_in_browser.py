@@ -203,6 +203,7 @@ class Operator:
         """Nobody overwrites unseen what another one has set meanwhile."""
         self.open("Map")
         self.tab("L1")
+        expect(self.map).to_have_attribute("data-floor", "L1")
         self.click_map(self.map, (5.5, 6.0))
         field = self.page.get_by_label("door time")
         field.fill("0.50")  # as it was
