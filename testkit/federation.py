@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import itertools
-import shutil
 import signal
 import subprocess
 import time
@@ -103,11 +102,10 @@ class Channels:
         naming = ("--naming", f"127.0.0.1:{self.port}", "--name", name)
         command = (*module_command(module), *where, *naming, *more)
         if name in self._relays:
-            environment |= self.relayed(name)
+            environment["ORBendPointPublish"] = f"giop:tcp:127.0.0.1:{self._relay_port(name)}"
         self.processes[name] = self._launch(*command, **environment)
 
-    def relay(self, name: str) -> Relay:
-        """A relay for a channel that is started with the environment `relayed`."""
+    def _relay(self, name: str) -> Relay:
         target = int(self.address(name).rpartition(":")[2])
         return Relay(self._relay_port(name), target, lambda port: self._is_cut(name, port))
 
@@ -116,7 +114,7 @@ class Channels:
         """Start channels whose links can be cut."""
         with contextlib.ExitStack() as stack:
             for name in names:
-                self._relays[name] = stack.enter_context(self.relay(name))
+                self._relays[name] = stack.enter_context(self._relay(name))
             self.start(*names)
             yield
 
@@ -136,10 +134,6 @@ class Channels:
             return False
         ends = [(each.laddr, each.pid) for each in psutil.net_connections("tcp4")]
         return any(address and address.port == port and pid in pids for address, pid in ends)
-
-    def relayed(self, name: str) -> dict[str, str]:
-        """The environment of a channel that others reach by its relay."""
-        return {"ORBendPointPublish": f"giop:tcp:127.0.0.1:{self._relay_port(name)}"}
 
     def _relay_port(self, name: str) -> int:
         return int(self.address(f"relay of {name}").rpartition(":")[2])
@@ -169,21 +163,13 @@ class Channels:
         self.naming.send_signal(signal.SIGKILL)
         self.naming.wait(60.0)
 
-    def forget(self, name: str) -> None:
-        """Delete the state folder of a channel that does not run."""
-        shutil.rmtree(self.folder / name)
-
-    def restart(self, *names: str, forgets: bool = False, **environment: str) -> None:
-        """Kill channels and start them again. forgets: without their files, and so without their proxies."""
+    def restart(self, *names: str) -> None:
+        """Kill channels and start them again."""
         for name in names:
             self.kill(name)
-            if forgets:
-                self.forget(name)
-            self.spawn(name, **environment)
+            self.spawn(name)
         for name in names:
             self.wait_ready(name)
-            if forgets:
-                self.clients[name] = EventClient(self.orb, name, name, timeout_s=LIMIT_S)
 
     @contextlib.contextmanager
     def stopped(self, name: str) -> Iterator[None]:

@@ -39,12 +39,10 @@ _SIMPLE = (
 
 
 class RandomAnys:
-    """Draws. objects: references that occur in values, beside nil. without: kinds that don't occur."""
+    """Draws. objects: references that occur in values, beside nil."""
 
-    def __init__(self, random: Random, objects: Sequence[Any] = (), without: Sequence[int] = ()) -> None:
+    def __init__(self, random: Random, objects: Sequence[Any] = ()) -> None:
         self._random, self._objects = random, objects
-        self._has_exceptions = tc.tv_except not in without
-        self._simple_kinds = [kind for kind in _SIMPLE if kind not in without]
         self._numbers = itertools.count(1)
         self._left = 0
 
@@ -57,7 +55,7 @@ class RandomAnys:
         return self._any(0)
 
     def _any(self, depth: int) -> Any:
-        is_exception = depth == 0 and self._has_exceptions and self._chance(0.05)
+        is_exception = depth == 0 and self._chance(0.05)
         descriptor = self._exception() if is_exception else self._type(depth)
         return CORBA.Any(tc.createTypeCode(descriptor), self._value(descriptor, depth))
 
@@ -82,7 +80,7 @@ class RandomAnys:
         return f"IDL:Random/T{next(self._numbers)}:1.0"
 
     def _simple(self, depth: int) -> Any:
-        return self._random.choice(self._simple_kinds)
+        return self._random.choice(_SIMPLE)
 
     def _text(self, depth: int) -> Any:
         return self._random.choice((tc.tv_string, tc.tv_wstring)), self._random.choice((0, 0, 1, 7))

@@ -29,8 +29,6 @@ STRINGS = (
     b"",
     "\N{REPLACEMENT CHARACTER}\0".encode(),
 )
-#: Contents of strings that are not UTF-8, or have a NUL inside: a server must refuse them.
-UNREADABLE = STRINGS[:-1]
 
 
 class Wire:

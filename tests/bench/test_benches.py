@@ -15,28 +15,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-import shapely
 from matplotlib.axes import Axes
 
 from bench.common.harness import NOT_MEASURED, NotMeasured, run
 from bench.console.returns import PLACES, Shown, Sight, sight
-from bench.events.channel.consumers import slope_an_hour
 from bench.events.channel.stamps import Arrivals, Quality, Tally, gaps, quality, stamped, stamped_run
 from bench.events.network import report as network_report
 from bench.events.network.experiment import FEDERATED, SET_UPS, STANDARD, Outcome
 from bench.events.network.load import Governor
 from bench.events.network.report import Interval
 from bench.planning.geometric import EDITS, measure, row
-from bench.robots import virtual_and_actual as bench
-from bench.starts.kills import longest_pause_s
-from robocorba.map_editor.validation import problems
-from robocorba.robot.kinematics.smartpal import Side
 from testkit import report
-from testkit.grid_maps import FLOOR, KINDS, OctileGraph, building_of, place_of, random_cells
 from testkit.peers.base import PAYLOAD_BYTES
-from testkit.report import at_least, at_most, summarize
+from testkit.report import at_most, summarize
 from testkit.router import DelayLine
-from testkit.virtual_and_actual import StateDifference
 
 
 def test_stamps_and_their_quality() -> None:
@@ -132,24 +124,6 @@ def test_the_report_of_the_network() -> None:
     assert row["standard KB over the link"] == pytest.approx(20)
 
 
-def test_marks_look_at_the_worst_cell_and_at_lost_events() -> None:
-    def marks(*runs: Outcome) -> dict[str, report.Mark]:
-        return {mark.what: mark for mark in network_report.marks(network_report.cells(runs))}
-
-    standard, federated = outcome(STANDARD, 1000, 0.1), outcome(FEDERATED, 400, 0.1)
-    found = marks(standard, federated, outcome(STANDARD, 1000, 0.9), outcome(FEDERATED, 600, 0.9))
-    assert found["ratio of the means, worst load and delay"].value == pytest.approx(0.6)
-    assert found["ratio of remote events, 1 ms"].value == pytest.approx(0.5)
-    missed = {what for what, mark in found.items() if not mark.is_reached}
-    assert missed == {"ratio of the means, worst load with 1 ms"}
-    for one, other, wanted in (
-        (outcome(STANDARD, 1000, 0.1, lost=1), federated, "events lost"),
-        (standard, federated._replace(forwarded=5), "over the federation's link"),
-    ):
-        (what,) = (what for what, mark in marks(one, other).items() if not mark.is_reached)
-        assert wanted in what
-
-
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]
 
 
@@ -181,33 +155,6 @@ def test_a_summary_is_printed_and_written(
     assert (tmp_path / "some.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_maps_are_the_same_for_the_same_seed_and_mostly_connected(kind: str) -> None:
-    cells = KINDS[kind](200, 1)
-    assert cells.shape == (200, 200) and cells.dtype == np.bool_
-    assert (cells == KINDS[kind](200, 1)).all() and (cells != KINDS[kind](200, 2)).any()
-    reached = np.isfinite(OctileGraph(cells, 1.0).lengths_from(random_cells(cells, 1, 0)[0]))
-    assert reached.sum() >= (1.0 if kind.startswith(("rooms", "maze")) else 0.75) * cells.sum()
-
-
-def test_walls_are_the_borders_of_the_free_cells_and_octile_lengths_do_not_cut_them() -> None:
-    cells = KINDS["laser"](80, 3)
-    building = building_of(cells, 0.5)
-    assert problems(building) == []
-    drawn = [shapely.LineString([w.a, w.b]) for w in building.floors[FLOOR].geometrical.walls.values()]
-    rows, columns = np.nonzero(cells)
-    free = shapely.union_all(shapely.box(columns * 0.5, rows * 0.5, columns * 0.5 + 0.5, rows * 0.5 + 0.5))
-    borders = free.boundary.difference(shapely.box(0.0, 0.0, 40.0, 40.0).exterior)
-    assert shapely.union_all(drawn).symmetric_difference(borders).length == pytest.approx(0.0)
-    cells = np.ones((3, 3), np.bool_)
-    assert OctileGraph(cells, 2.0).lengths_from((0, 0))[2, 2] == pytest.approx(4.0 * 2**0.5)
-    cells[1, 1] = False
-    assert len(building_of(cells, 1.0).floors[FLOOR].geometrical.walls) == 4  # runs are maximal
-    lengths = OctileGraph(cells, 2.0).lengths_from((0, 0))
-    assert lengths[2, 2] == 8.0 and np.isinf(lengths[1, 1])
-    assert place_of((2, 0), 0.5)[1:] == (0.25, 1.25)
-
-
 def test_every_figure_is_reported() -> None:
     found: dict[str, list[Any]] = defaultdict(list)
     report: Any = SimpleNamespace(send=lambda what: found[what[0]].append(what[1]))
@@ -222,20 +169,6 @@ def test_every_figure_is_reported() -> None:
     )
     none = row("cave", 1.0, defaultdict(list))
     assert none["queries"] == 0 and none["median ms"] is None and none["finished"] == "limit"
-
-
-def test_pauses_growth_and_marks() -> None:
-    assert longest_pause_s([9.5, 9.995, 10.0, 10.5, 10.505]) == pytest.approx(0.5)
-    seconds = [float(second) for second in range(0, 4000, 100)]
-    sizes = [50 + (second / 100 if second < 1000 else 10 + (second - 1000) / 3600) for second in seconds]
-    assert slope_an_hour(seconds, sizes) == pytest.approx(1.0, abs=0.05)  # after the warm-up
-    marks = (at_most("x", 1.0, 1.0), at_most("x", 1.1, 1.0), at_least("x", 1.0, 1.0), at_least("x", 0.9, 1.0))
-    assert [mark.is_reached for mark in (*marks, at_most("x", math.nan, 1.0))] == [True, False, True, False, False]
-    near = StateDifference(0.001, 0.001, dict.fromkeys(Side, 0.001))
-    for base_m, is_reached in ((0.009, True), (0.011, False)):
-        far = StateDifference(base_m, 0.0, dict.fromkeys(Side, 0.0))
-        found = bench.marks([bench.row(1, near), bench.row(2, far)])
-        assert all(mark.is_reached for mark in found) == is_reached
 
 
 FINE = {"status": "", "robots": "", "channels": "", "isFresh": True}

@@ -8,13 +8,12 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.events.channel.stage import Stage, collect, ready, send, trio
+from bench.events.channel.stage import Stage, collect, send, trio
 from bench.events.network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
 from bench.events.network.networks import Network
-from testkit.json_process import ProcessFailed
 from testkit.namespaces import Namespace
 from testkit.peers import PEERS, installed
-from testkit.peers.corba import BOUNDED, CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
+from testkit.peers.corba import CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
@@ -57,26 +56,6 @@ def test_paced_and_flooded_events_arrive(stage: Stage, name: str) -> None:
         runs = send(supplier, "runs", 90.0, first=10_000, seconds=60.0, most=10_000, size=100)
         assert runs["sent"] == [10_000]
         assert _faultless(collect(consumer, [range(10_000, 20_000)], 60.0)[0], 10_000)
-
-
-def test_several_consumers_in_a_process(stage: Stage) -> None:
-    broker = stage.broker(BOUNDED.name)
-    consumers, supplier = stage.consumer(BOUNDED.name, broker, 3), stage.supplier(BOUNDED.name, broker)
-    ready(consumers)
-    ready(supplier)
-    send(supplier, "pace", 60.0, first=0, count=50, rate=1000.0)
-    assert [_faultless(got, 50) for got in collect(consumers, [range(50)], 60.0)] == [True] * 3
-
-
-def test_missing_events_are_counted_and_the_failure_of_a_role_names_its_reason(stage: Stage) -> None:
-    supplier, consumer = trio(stage, HEADER.name)
-    send(supplier, "pace", 60.0, first=0, count=20, rate=1000.0)
-    (got,) = collect(consumer, [range(30)], 60.0)
-    assert (got["count"], got["lost"], got["gaps"]) == (20, 10, [[20, 30]])
-    with pytest.raises(ProcessFailed, match="did not answer within"):
-        supplier.receive(0.05)
-    with pytest.raises(ProcessFailed, match="nobody knows it"):
-        ready(stage.supplier("nobody knows it", stage.broker(HEADER.name)))
 
 
 def _faultless(got: dict[str, int], count: int) -> bool:

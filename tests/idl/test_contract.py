@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import importlib.util
+import re
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 
@@ -39,7 +40,32 @@ module Demo {
   };
 };
 """
-Example = Callable[[str, str], tuple[dict[str, str], dict[str, str]]]
+#: What is replaced in the example, by what, and what is named then.
+CHANGES = [
+    ("double width;", "double width; double depth;", "IDL:Demo/Part:1.0"),
+    ("double width;", "float width;", "IDL:Demo/Part:1.0"),
+    ("string name; double width;", "double width; string name;", "IDL:Demo/Part:1.0"),
+    ("double width;", "double breadth;", "IDL:Demo/Part:1.0"),
+    ("ROUND, SQUARE", "ROUND, SQUARE, FLAT", "IDL:Demo/Kind:1.0"),
+    ("case SQUARE: Part side", "case SQUARE: double side", "IDL:Demo/Shape:1.0"),
+    ("string reason;", "string reason; long code;", "IDL:Demo/Refused:1.0"),
+    ("sequence<string>", "sequence<string, 9>", "IDL:Demo/Names:1.0"),
+    ("MOST = 3", "MOST = 4", "IDL:Demo/MOST:1.0"),
+    ("out long left", "inout long left", "IDL:Demo/Shop/get:1.0"),
+    ("in string name,", "in string name, in long kind,", "IDL:Demo/Shop/get:1.0"),
+    ("raises (Refused)", "", "IDL:Demo/Shop/get:1.0"),
+    ("Part get", "string get", "IDL:Demo/Shop/get:1.0"),
+    ("void reset();", "", "IDL:Demo/Base/reset:1.0"),
+    ("oneway void note", "void note", "IDL:Demo/Shop/note:1.0"),
+    ("interface Shop : Base", "interface Shop", "IDL:Demo/Shop:1.0"),
+    ("readonly attribute", "attribute", "IDL:Demo/Shop/title:1.0"),
+    # What is new breaks nothing:
+    ("void reset();", "void reset(); void start(in Kind how);", ""),
+    ("in string name,", "in string its_name,", ""),
+    ("interface Shop : Base", "interface Other { }; interface Shop : Base, Other", ""),
+    ("enum Kind", "// a kind\n  typedef long Size; enum Kind", ""),
+    ("exception Refused", "struct Size { long all; }; exception Refused", ""),
+]
 
 
 @pytest.fixture(scope="module")
@@ -57,17 +83,19 @@ def contract() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def example(contract: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> Example:
-    """Signatures of the example, and of its copy with a change."""
-    file = tmp_path_factory.mktemp("idl") / "example.idl"
-
-    def signatures(text: str) -> dict[str, str]:
-        file.write_text(text)
-        found: dict[str, str] = contract.signatures([str(file)])
-        return found
-
-    before = signatures(BEFORE)
-    return lambda old, new: (before, signatures(BEFORE.replace(old, new, 1)))
+def examples(
+    contract: ModuleType, tmp_path_factory: pytest.TempPathFactory
+) -> list[tuple[dict[str, str], dict[str, str]]]:
+    """For each of CHANGES the signatures of the example before and after it: all are modules of one file."""
+    texts = [BEFORE.replace(old, new, 1) for old, new, _ in CHANGES]
+    file = tmp_path_factory.mktemp("idl") / "examples.idl"
+    file.write_text("".join(text.replace("Demo", f"Demo{number}") for number, text in enumerate([BEFORE, *texts])))
+    found: dict[int, dict[str, str]] = {}
+    for declaration, signature in contract.signatures([str(file)]).items():
+        number = int(re.match(r"IDL:Demo(\d+)", declaration)[1])  # type: ignore[index]
+        plain = re.sub(rf"\bDemo{number}\b", "Demo", declaration), re.sub(rf"\bDemo{number}\b", "Demo", signature)
+        found.setdefault(number, {}).__setitem__(*plain)
+    return [(found[0], found[number]) for number in range(1, len(found))]
 
 
 @pytest.mark.parametrize("release", [folder.name for folder in sorted((IDL / "released").iterdir())])
@@ -90,38 +118,12 @@ def test_the_last_release_is_this_one_or_earlier(contract: ModuleType) -> None:
     assert contract.numbers(contract.released().name) <= contract.numbers(__version__)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "named"),
-    [
-        ("double width;", "double width; double depth;", "IDL:Demo/Part:1.0"),
-        ("double width;", "float width;", "IDL:Demo/Part:1.0"),
-        ("string name; double width;", "double width; string name;", "IDL:Demo/Part:1.0"),
-        ("double width;", "double breadth;", "IDL:Demo/Part:1.0"),
-        ("ROUND, SQUARE", "ROUND, SQUARE, FLAT", "IDL:Demo/Kind:1.0"),
-        ("case SQUARE: Part side", "case SQUARE: double side", "IDL:Demo/Shape:1.0"),
-        ("string reason;", "string reason; long code;", "IDL:Demo/Refused:1.0"),
-        ("sequence<string>", "sequence<string, 9>", "IDL:Demo/Names:1.0"),
-        ("MOST = 3", "MOST = 4", "IDL:Demo/MOST:1.0"),
-        ("out long left", "inout long left", "IDL:Demo/Shop/get:1.0"),
-        ("in string name,", "in string name, in long kind,", "IDL:Demo/Shop/get:1.0"),
-        ("raises (Refused)", "", "IDL:Demo/Shop/get:1.0"),
-        ("Part get", "string get", "IDL:Demo/Shop/get:1.0"),
-        ("void reset();", "", "IDL:Demo/Base/reset:1.0"),
-        ("oneway void note", "void note", "IDL:Demo/Shop/note:1.0"),
-        ("interface Shop : Base", "interface Shop", "IDL:Demo/Shop:1.0"),
-        ("readonly attribute", "attribute", "IDL:Demo/Shop/title:1.0"),
-        # What is new breaks nothing:
-        ("void reset();", "void reset(); void start(in Kind how);", ""),
-        ("in string name,", "in string its_name,", ""),
-        ("interface Shop : Base", "interface Other { }; interface Shop : Base, Other", ""),
-        ("enum Kind", "// a kind\n  typedef long Size; enum Kind", ""),
-        ("exception Refused", "struct Size { long all; }; exception Refused", ""),
-    ],
-)
-def test_what_breaks_clients_is_named(contract: ModuleType, example: Example, old: str, new: str, named: str) -> None:
-    before, now = example(old, new)
-    assert [found.partition(" ")[0].rstrip(":") for found in contract.broken(before, now)] == [named] * bool(named)
-    assert contract.broken(now, now) == []
+def test_what_breaks_clients_is_named(contract: ModuleType, examples: Any) -> None:
+    for (before, now), change in zip(examples, CHANGES, strict=True):
+        named = change[2]
+        broken = [found.partition(" ")[0].rstrip(":") for found in contract.broken(before, now)]
+        assert broken == [named] * bool(named), change
+        assert contract.broken(now, now) == []
 
 
 def test_constants_are_the_limits_of_the_servers() -> None:

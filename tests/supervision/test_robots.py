@@ -250,7 +250,7 @@ entries = st.fixed_dictionaries(
 
 @given(content=st.fixed_dictionaries({}, optional={"robots": st.lists(entries, max_size=4), "defaults": entries}))
 @settings(
-    max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 )
 def test_whatever_is_written_gives_orders_or_one_line(tmp_path: Path, content: Any) -> None:
     try:

@@ -1,6 +1,6 @@
-"""A consumer that prints its reference, then a line for each event, its content: python any_consumer.py [bare|batches]
+"""A consumer that prints its reference, then a line for each event, its content: python any_consumer.py [batches]
 
-bare: plain omniORBpy, without anything of ours in between. batches: it takes events with headers, in batches."""
+batches: it takes events with headers, in batches."""
 
 from __future__ import annotations
 
@@ -12,6 +12,9 @@ from omniORB import CORBA
 
 import CosEventComm__POA  # isort: skip  (found once omniORB is imported)
 
+from robocorba.orb.orb import Orb
+from robocorba.stubs import RoboCorba__POA
+from robocorba.system.settings import Address
 from testkit.random_anys import content
 
 
@@ -23,24 +26,14 @@ class Consumer(CosEventComm__POA.PushConsumer):
         pass
 
 
-if sys.argv[1:] == ["bare"]:
-    bare = CORBA.ORB_init(["x", "-ORBnativeCharCodeSet", "UTF-8"], CORBA.ORB_ID)
-    bare.resolve_initial_references("RootPOA")._get_the_POAManager().activate()
-    print(bare.object_to_string(Consumer()._this()), flush=True)
-    assert omniORB.orb is bare
+class Batches(Consumer, RoboCorba__POA.EventConsumer):
+    def pushRuns(self, runs: Any) -> None:
+        for run in runs:
+            for payload in run.payloads:
+                self.push(omniORB.cdrUnmarshal(CORBA.TC_any, payload))
+
+
+with Orb(Address("127.0.0.1", 1)) as orb:
+    consumer = Batches() if sys.argv[1:] == ["batches"] else Consumer()
+    print(orb.uri(orb.activate(consumer)), flush=True)
     sys.stdin.read()
-else:
-    from robocorba.orb.orb import Orb
-    from robocorba.stubs import RoboCorba__POA
-    from robocorba.system.settings import Address
-
-    class Batches(Consumer, RoboCorba__POA.EventConsumer):
-        def pushRuns(self, runs: Any) -> None:
-            for run in runs:
-                for payload in run.payloads:
-                    self.push(omniORB.cdrUnmarshal(CORBA.TC_any, payload))
-
-    with Orb(Address("127.0.0.1", 1)) as orb:
-        consumer = Batches() if sys.argv[1:] == ["batches"] else Consumer()
-        print(orb.uri(orb.activate(consumer)), flush=True)
-        sys.stdin.read()

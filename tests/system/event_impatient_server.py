@@ -1,4 +1,4 @@
-"""A channel's server that disconnects silent clients after seconds, and has few proxies: for tests of its limits."""
+"""A channel's server that disconnects silent clients after seconds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from robocorba.system.backoff import Backoff
 
 BACKOFF = Backoff(0.05, 0.2)
 POLICY = ProxyPolicy(
-    max_proxies=100,
     delivery=DeliveryPolicy(
         call_timeout_s=1.0, probe_timeout_s=0.3, backoff=BACKOFF, max_failures=6, poll_timeout_s=0.3
     ),

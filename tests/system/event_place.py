@@ -23,8 +23,8 @@ from robocorba.system.settings import Address
 from testkit.federation import SERVER, Channels
 from testkit.processes import Launcher
 
-#: A channel's server that gives silent clients up sooner, and has MAX_PROXIES.
-IMPATIENT, MAX_PROXIES = "event_impatient_server", 100
+#: A channel's server that gives silent clients up sooner.
+IMPATIENT = "event_impatient_server"
 ROOT = Path(__file__).resolve().parents[2]
 QUEUE = RoboCorba.QueuePolicy(1000, RoboCorba.DISCARD_OLDEST, 0.0)
 

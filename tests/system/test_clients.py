@@ -102,23 +102,6 @@ def test_a_robot_drives_along_a_path_and_rides(system: Running, system_orb: Orb,
     assert said("admit", "A") == "A\twas not kept out\n"
 
 
-def test_the_command_says_why_there_is_no_path(system: Running, launch: Launcher) -> None:
-    reasons = {
-        (place(WEST), place(WALLED)): "goal L1:10,2 is not free: 0.000 m to wall w, 0.400 m needed",
-        (place(WEST), "L9:1,1"): "goal: there is no floor 'L9'; known are L1, L2",
-        (place(WEST), "L1:nan,1"): "goal.x: nan is not a number within 1000000 m",
-        (place(WEST), "L1"): "goal: 'L1' is not of the form FLOOR:X,Y, such as L1:3,4",
-        (place(WEST), place(EAST), "--radius", "5"): "robotRadius: 5.0 is not between 0 and 3 m",
-        (place(WEST), "L2:14,3", "--avoid", "E1"): "no elevator leads from L1 to L2; elevator 'E1'",
-    }
-    command, naming = (ROBOCORBA, "path"), ("--naming", str(system.naming))
-    for process, reason in [(launch(*command, *where, *naming), reason) for where, reason in reasons.items()]:
-        out, err = process.communicate(timeout=60)
-        assert (process.returncode, out) == (1, "")
-        assert err.startswith(f"robocorba path: {reason}"), err
-        assert len(err.splitlines()) == 1
-
-
 def test_a_bare_uri_and_the_stubs_suffice(system: Running, system_orb: Orb) -> None:
     uri = corbaname(system.naming, "RoboCorba/PathPlanner")
     assert f"map_editor\t{system.pid('map_editor')}\t{uri}" in system.printed
@@ -202,15 +185,3 @@ def test_it_drives_until_something_is_near(system: Running, launch: Launcher, sy
     # The wall across the floor is at x = 10; at 0.5 m/s it needs a tick and some way to stand.
     assert 8.7 < x < 9.5
     assert robots() == {}
-
-
-def test_it_is_logged_off_also_where_it_is_refused(system: Running, launch: Launcher, system_orb: Orb) -> None:
-    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-    other = server.registerRobot(about("other", X + 0.5, Y))
-    uri = corbaname(system.naming, "RoboCorba/SimulationServer")
-    process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
-    _, err = process.communicate(timeout=60.0)
-    other.deregister()
-    assert process.returncode == 1
-    assert "PlaceTaken" in err and "other" in err
-    assert [client.name for client in server.clients()] == []

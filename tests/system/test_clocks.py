@@ -7,6 +7,7 @@ import contextlib
 import itertools
 import json
 import math
+import subprocess
 import time
 import urllib.request
 from collections.abc import Iterator
@@ -26,12 +27,15 @@ from robocorba.robot.programs.program import dumps
 from robocorba.simulation.mission_record import MissionResult
 from robocorba.stubs import RoboCorba
 from testkit.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
-from testkit.processes import ROBOCORBA, Launcher, Running, eventually, running_system
+from testkit.processes import ROBOCORBA, Launcher, Running, eventually, forked_processes, running_system
 from testkit.simulation import GONE
-from tests.system.wrong_clocks import HOUR_S, JUMPS_S, YEAR_S, Clocks, wrong_clocks
 
 pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow]
 
+SOURCE = Path(__file__).with_name("wrong_clock.c")
+HOUR_S, YEAR_S = 3600.0, 365 * 86400.0
+#: How far a clock is set, or is ahead [s].
+JUMPS_S = (1.0, -1.0, HOUR_S, -HOUR_S, YEAR_S, -YEAR_S)
 #: Timeout of what takes a second or two [s].
 LIMIT_S = 60.0
 SERVERS = ("omniNames", "map_editor", "simulation", "sensor_s1", "events_lab", "events_hall", "console")
@@ -44,6 +48,44 @@ ROBOTS = {
 #: Where the desk may stand [m].
 GOALS_X_M = (2.6, 2.2)
 SHORT = dumps(ProgramBuilder("short").mbase_velocity(0.0, 0.0, 0.5, 0.4).program())
+
+
+class Clocks:
+    """How far the clocks of processes are ahead; see wrong_clock.c."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def set(self, pid: int, ahead_s: float) -> None:
+        """Set the clock of a process."""
+        self._write(str(pid), ahead_s)
+
+    def set_others(self, ahead_s: float) -> None:
+        """Set the clocks of all processes that have not been set, also of those to be started."""
+        self._write("all", ahead_s)
+
+    def _write(self, name: str, ahead_s: float) -> None:
+        new = self._folder / "new"
+        new.write_text(str(ahead_s))
+        new.replace(self._folder / name)
+
+
+@contextlib.contextmanager
+def wrong_clocks(folder: Path) -> Iterator[Clocks]:
+    """The clocks of the processes that are started inside the `with`."""
+    library, clocks = folder / "wrong_clock.so", folder / "clocks"
+    clocks.mkdir()
+    try:
+        command = ("cc", "-O2", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC", "-o", str(library), str(SOURCE))
+        subprocess.run(command, check=True)
+    except FileNotFoundError:
+        pytest.skip("no C compiler is installed")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LD_PRELOAD", str(library))
+        patch.setenv("CLOCKS", str(clocks))
+        patch.setattr(Launcher, "nursery", None)  # its forks would have the right clock
+        with forked_processes():
+            yield Clocks(clocks)
 
 
 class Place(MissionSystem):

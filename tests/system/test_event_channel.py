@@ -4,11 +4,9 @@ headers, subscriptions, batches, queues, accounts; and how it refuses."""
 from __future__ import annotations
 
 import contextlib
-import math
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import CosEventChannelAdmin
@@ -21,14 +19,12 @@ from omniORB import CORBA
 from robocorba.errors.events import InvalidEvent, InvalidSubscription
 from robocorba.events.corba.event_client import Event, EventClient, _EventConsumerServant
 from robocorba.events.corba.pair_listener import PairListener
-from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.orb.calls import set_call_timeout
 from robocorba.robot.corba import robot_channel
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually, hang
 from tests.system.event_place import (
     IMPATIENT,
-    MAX_PROXIES,
     QUEUE,
     EventConsumer,
     Place,
@@ -42,7 +38,7 @@ from tests.system.event_place import (
     text,
 )
 from tests.system.refusals import refused
-from tests.waits import head_start, pause, stays
+from tests.waits import head_start, pause
 
 pytestmark = pytest.mark.system
 GONE = CORBA.OBJECT_NOT_EXIST
@@ -250,23 +246,6 @@ def test_a_listener_of_pairs_follows_sources_and_survives_the_loss_of_its_subscr
 # ---- order, batches, queues ----
 
 
-def test_events_of_each_supplier_keep_their_order(client: Client) -> None:
-    receive = Receiver()
-    subscription = client("observer").subscribe(receive)
-
-    def talk(robot: EventClient) -> None:
-        for number in range(0, 120, 4):
-            robot.push("count", number)
-            robot.push_many("count", [number + 1, number + 2, number + 3])
-
-    with ThreadPoolExecutor() as pool:
-        list(pool.map(talk, [client(name) for name in "ABC"]))
-    eventually(lambda: account(subscription).delivered == 360)
-    assert [e.number for e in receive] == list(range(receive[0].number, receive[0].number + 360))
-    for name in "ABC":
-        assert [e.payload for e in receive if e.source == name] == list(range(120))
-
-
 def test_a_late_call_is_not_overtaken(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
     """A call times out while its thread waits for the interpreter, and goes on when the next one has ended."""
     push_runs, is_waiting, others_end = _EventConsumerServant.pushRuns, threading.Event(), threading.Event()
@@ -291,98 +270,7 @@ def test_a_late_call_is_not_overtaken(client: Client, monkeypatch: pytest.Monkey
     assert account(subscription).unconfirmed == 0
 
 
-def test_a_batch_is_taken_in_and_passed_on_in_one_call(place: Place, channel: Any) -> None:
-    consumer = EventConsumer()
-    proxy = channel.subscribe("", place.orb.activate(consumer), clauses("t"), QUEUE)
-    payloads = [bytes([k]) for k in range(100)]
-    channel.supply("A").pushRuns([RoboCorba.EventRun(event().header, [0.0] * 100, payloads)])
-    eventually(lambda: len(consumer.got) == 100)
-    assert (consumer.payloads, consumer.calls) == (payloads, 1)
-    proxy.disconnect_push_supplier()
-
-
-def test_a_supplier_is_blocked_until_there_is_room(client: Client) -> None:
-    robot, receive = client("A"), Receiver()
-    subscription = robot.subscribe(receive, queue=QueuePolicy(4, OverflowRule.BLOCK_SUPPLIER, 9.0))
-    subscription.proxy.suspend()
-    assert subscription.proxy.state().condition == RoboCorba.SUSPENDED
-    pushing = threading.Thread(target=robot.push_many, args=("t", range(10)))
-    pushing.start()
-    eventually(lambda: account(subscription).queued == 4)
-    assert pushing.is_alive() and not receive
-    subscription.proxy.resume()
-    pushing.join(60.0)
-    assert not pushing.is_alive()
-    eventually(lambda: receive.payloads == list(range(10)))
-    eventually(lambda: account(subscription).delivered == 10)
-    assert subscription.proxy.state().condition == RoboCorba.CONNECTED
-
-
-def test_a_consumer_that_raises_loses_that_event_only(place: Place, channel: Any) -> None:
-    class Moody(EventConsumer):
-        def pushRuns(self, runs: Any) -> None:
-            if runs[0].payloads[0] == b"bad":
-                raise ValueError("a fault of the consumer")
-            super().pushRuns(runs)
-
-    consumer = Moody()
-    proxy = channel.subscribe("", place.orb.activate(consumer), clauses("t"), QUEUE)
-    supplier = channel.supply("A")
-    for number, payload in enumerate([b"1", b"bad", b"2"], start=1):
-        supplier.pushEvent(event(payload=payload))
-        eventually(lambda number=number: proxy.state().events.queued == 0 and proxy.state().events.received == number)
-    assert consumer.payloads == [b"1", b"2"]
-    assert (proxy.state().events.delivered, proxy.state().events.discarded) == (2, 1)
-    assert proxy.state().condition == RoboCorba.CONNECTED
-    proxy.disconnect_push_supplier()
-
-
 # ---- what is refused ----
-
-
-def test_an_event_that_is_refused_names_its_field(channel: Any) -> None:
-    supplier = channel.supply("A")
-    last = channel.state().lastNumber
-    good = RoboCorba.EventRun(event().header, [0.0], [b""])
-    for field, one in (
-        ("type", event("")),
-        ("source", event(source="x" * 201)),
-        ("expiry", event(expiry=math.nan)),
-        ("time", event(time=math.inf)),
-        ("payload", event(payload=bytes(8 * 2**20 + 1))),
-    ):
-        said = refused(RoboCorba.InvalidEvent, supplier.pushEvent, one)
-        assert said.field == field and said.reason
-        runs = [good, RoboCorba.EventRun(one.header, [one.header.time], [one.payload])]
-        assert refused(RoboCorba.InvalidEvent, supplier.pushRuns, runs).field == field
-        error = CORBA.IMP_LIMIT if field == "payload" else CORBA.BAD_PARAM
-        refused(error, supplier.push, CORBA.Any(RoboCorba._tc_Event, one))
-    runs = [RoboCorba.EventRun(event().header, [0.0], [b"", b""])]
-    assert refused(RoboCorba.InvalidEvent, supplier.pushRuns, runs).field == "times"
-    assert channel.state().lastNumber == last  # of a call that is refused nothing is taken in
-
-
-def test_a_subscription_that_is_refused_names_the_place(place: Place, channel: Any) -> None:
-    consumer, pattern = place.orb.activate(EventConsumer()), RoboCorba.EventPattern
-    proxy = channel.subscribe("", consumer, clauses("a"), QUEUE)
-    for where, wrong in (
-        ("[1].patterns", [*clauses("a"), RoboCorba.Clause([], 0.0)]),
-        ("[0].window", [RoboCorba.Clause([pattern("a", "")], -1.0)]),
-        ("[0].patterns[1].source", [RoboCorba.Clause([pattern("a", ""), pattern("b", "x" * 201)], 0.0)]),
-    ):
-        said = refused(RoboCorba.InvalidSubscription, channel.subscribe, "", consumer, wrong, QUEUE)
-        assert said.where == where and said.reason
-        assert refused(RoboCorba.InvalidSubscription, proxy.changeSubscription, wrong).where == where
-    assert [clause.patterns[0].type for clause in proxy.state().subscribed] == ["a"]
-    proxy.disconnect_push_supplier()
-    for field, queue in (
-        ("size", RoboCorba.QueuePolicy(1_000_001, RoboCorba.DISCARD_OLDEST, 0.0)),
-        ("blockLimit", RoboCorba.QueuePolicy(1, RoboCorba.BLOCK_SUPPLIER, math.nan)),
-    ):
-        said = refused(RoboCorba.InvalidQueue, channel.subscribe, "", consumer, clauses("a"), queue)
-        assert said.field == field and said.reason
-    assert refused(RoboCorba.UnknownSubscription, channel.unsubscribe, "nobody").name == "nobody"
-    refused(CORBA.BAD_PARAM, channel.subscribe, "", None, clauses("a"), QUEUE)
 
 
 def test_the_client_refuses_before_it_asks(client: Client) -> None:
@@ -481,44 +369,7 @@ def test_a_proxy_of_the_same_channel_is_refused(lab: Lab) -> None:
     assert not pulled.try_pull()[1]
 
 
-def test_a_second_connect_is_already_connected(lab: Lab) -> None:
-    for kind, (_, client) in CLIENTS.items():
-        proxy = lab.connected(kind, client())
-        refused(CosEventChannelAdmin.AlreadyConnected, lab.connect, proxy, kind, client())
-    for kind in ("push_consumer", "pull_supplier"):
-        for first, second in ((CLIENTS[kind][1](), None), (None, None), (None, CLIENTS[kind][1]())):
-            proxy = lab.connected(kind, first)
-            refused(CosEventChannelAdmin.AlreadyConnected, lab.connect, proxy, kind, second)
-
-
-def test_before_connect_and_after_disconnect_nothing_goes_through(lab: Lab) -> None:
-    pushing, pulling = lab.obtain("push_consumer"), lab.obtain("pull_supplier")
-    for call in (lambda: pushing.push(text("a")), pulling.pull, pulling.try_pull):
-        refused(CosEventComm.Disconnected, call)
-    consumer = PushConsumer()
-    lab.connected("push_supplier", consumer)
-    gone, pulled, other = lab.supplier(), lab.connected("pull_supplier"), lab.supplier()
-    gone.disconnect_push_consumer()
-    pulled.disconnect_pull_supplier()
-    for call in (lambda: gone.push(text("late")), pulled.pull, pulled.try_pull):  # never TRANSIENT
-        refused((CosEventComm.Disconnected, GONE), call)
-    other.push(text("marker"))
-    eventually(lambda: consumer.got == ["marker"])
-
-
 # ---- pulling ----
-
-
-def test_pulls_wait_for_the_next_events_and_get_one_each(lab: Lab) -> None:
-    proxy = lab.connected("pull_supplier")
-    value, has_event = proxy.try_pull()
-    assert not has_event and isinstance(value, CORBA.Any)
-    waiting = [in_background(proxy.pull) for _ in range(3)]
-    stays(lambda: not any(pull.done() for pull in waiting))
-    supplier = lab.supplier()
-    for number in range(3):
-        supplier.push(text(str(number)))
-    assert sorted(pull.result(60.0).value() for pull in waiting) == ["0", "1", "2"]
 
 
 def test_a_pull_that_waits_is_woken_by_disconnect(lab: Lab) -> None:
@@ -552,26 +403,6 @@ def test_pulls_that_timed_out_lose_no_event(lab: Lab) -> None:
 # ---- disconnecting, and the channel's end ----
 
 
-def test_a_mutual_disconnect_does_not_recur_and_a_second_one_does_not_exist(lab: Lab) -> None:
-    """Each peer is notified once; one disconnects its proxy meanwhile, and finds that it does not exist any more."""
-    for kind, (_, kind_of_client) in CLIENTS.items():
-        proxies: list[Any] = []
-        found: list[bool] = []
-
-        def farewell(kind: str = kind, proxies: list[Any] = proxies, found: list[bool] = found) -> None:
-            refused(GONE, getattr(proxies[0], f"disconnect_{kind}"))
-            found.append(True)
-
-        clients = kind_of_client(farewell), kind_of_client()
-        proxies += [lab.connected(kind, client) for client in clients]
-        for proxy in proxies:
-            getattr(proxy, f"disconnect_{kind}")()
-            refused(GONE, getattr(proxy, f"disconnect_{kind}"))
-            assert proxy._non_existent()
-        stays(lambda clients=clients: [client.disconnections for client in clients] == [1, 1])
-        assert found == [True]
-
-
 def test_destroy_disconnects_all_kinds_and_nothing_exists_afterwards(place: Place) -> None:
     """A callback that raises keeps no other from being called."""
 
@@ -598,38 +429,6 @@ def test_destroy_disconnects_all_kinds_and_nothing_exists_afterwards(place: Plac
         lambda: proxies[0].push(text("late")),
     ):
         refused(GONE, call)
-
-
-def test_there_are_no_more_proxies_than_the_limit(lab: Lab) -> None:
-    kinds = list(CLIENTS)
-    for number in range(MAX_PROXIES - len(lab.place.balanced_states(lab.name))):
-        lab.obtain(kinds[number % 4])
-    for kind in kinds:
-        refused(CORBA.IMP_LIMIT, lab.obtain, kind)
-    assert refused(RoboCorba.TooManyProxies, lab.place.channel(lab.name).supply, "one too many").limit == MAX_PROXIES
-
-
-# ---- delivery ----
-
-
-def test_all_mixes_work_with_several_proxies_in_one_process(lab: Lab) -> None:
-    pushed = [PushConsumer() for _ in range(2)]
-    for consumer in pushed:
-        lab.connected("push_supplier", consumer)
-    pulling = [lab.connected("pull_supplier") for _ in range(2)]
-    suppliers = [PullSupplier() for _ in range(2)]
-    for supplier in suppliers:
-        lab.connected("pull_consumer", supplier)
-    sources = [lab.supplier().push for _ in range(2)] + [supplier.waiting.put for supplier in suppliers]
-    for number in range(20):
-        for source, say in enumerate(sources):
-            say(text(f"{source} {number}"))
-    eventually(lambda: all(len(consumer.got) >= 80 for consumer in pushed))
-    for got in [consumer.got for consumer in pushed] + [[proxy.pull().value() for _ in range(80)] for proxy in pulling]:
-        assert len(got) == 80
-        for source in "0123":
-            assert [each for each in got if each[0] == source] == [f"{source} {number}" for number in range(20)]
-    assert not any(proxy.try_pull()[1] for proxy in pulling)
 
 
 # ---- consumers that stall or die ----

@@ -19,7 +19,7 @@ from testkit.processes import eventually
 from tests.system.event_place import Place, PushConsumer, open_place, text
 from tests.waits import stays
 
-COMMANDS = {name: shutil.which(name) for name in ("eventc", "eventf", "events", "rmeventc")}
+COMMANDS = {name: shutil.which(name) for name in ("eventc", "events", "rmeventc")}
 OMNIEVENTS = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin")
 pytestmark = [
     pytest.mark.full,
@@ -197,17 +197,6 @@ def test_an_event_that_is_refused_does_not_end_the_link(linked: OmniEvents) -> N
         eventually(lambda client=client: {"after", "back"} <= set(client.got()), what="both events")
 
 
-def test_a_foreign_channel_needs_its_address(linked: OmniEvents) -> None:
-    lab = linked.place.channel("lab")
-    with pytest.raises(RoboCorba.InvalidPeer) as refused:
-        lab.addPeer(RoboCorba.PeerAddress("foreign", "", True))
-    assert refused.value.field == "address"
-    lab.addPeer(RoboCorba.PeerAddress("foreign", "corbaloc::127.0.0.1:1/nobody", True))
-    eventually(lambda: "ConnectFailed" in linked.link()[0].problem, what="a problem that is told")
-    lab.addPeer(RoboCorba.PeerAddress("foreign", linked.uri, True))
-    linked.wait_linked()
-
-
 # ---- commands of omniEvents ----
 
 
@@ -248,23 +237,6 @@ def bound(place: Place, name: str) -> Any:
     """Another channel, which the naming service knows."""
     place.begin(name)
     return place.orb.resolve(f"EventChannels/{name}", RoboCorba.EventChannel)
-
-
-@pytest.mark.parametrize("from_ours", [True, False])
-def test_eventf_joins_our_channel_and_one_of_omnievents(foreign: OmniEvents, from_ours: bool) -> None:
-    place, name = foreign.place, f"eventf{from_ours}"
-    channels = [bound(place, name), foreign.channel()]
-    names = (f"RoboCorba/EventChannels/{name}", "foreign")
-    uris = [f"corbaname::127.0.0.1:{place.port}#{end}" for end in names]
-    if not from_ours:
-        uris, channels = uris[::-1], channels[::-1]
-    joined = foreign.run("eventf", *uris)
-    assert joined.returncode == 0, joined.stderr
-    consumer, supplier = PushConsumer(), place.supplier(channels[0])
-    place.push_to(consumer, channels[1])
-    for number in range(20):
-        supplier.push(text(str(number)))
-    eventually(lambda: consumer.got == [str(number) for number in range(20)])
 
 
 def test_rmeventc_destroys_the_channel(foreign: OmniEvents) -> None:

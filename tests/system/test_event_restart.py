@@ -6,7 +6,6 @@ from __future__ import annotations
 import itertools
 import json
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator
 from subprocess import Popen
@@ -22,17 +21,15 @@ from robocorba.events.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba
 from testkit.processes import ROBOCORBA, eventually, refusal
 from tests.system.event_place import (
-    EventConsumer,
     Place,
     PullConsumer,
     PullSupplier,
     PushConsumer,
-    clauses,
     in_background,
     open_place,
     text,
 )
-from tests.waits import head_start, pause
+from tests.waits import head_start
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 #: Of the channels.
@@ -116,66 +113,6 @@ def test_references_stay_valid_and_plain_clients_go_on(place: Place, lab: Lab) -
     assert not any(fresh._is_equivalent(proxy) for proxy in (supplier, unconnected, ended))
     pushed.disconnect_push_supplier()
     assert consumer.disconnections == 1
-
-
-def test_durable_subscriptions_keep_their_set_up_and_numbers_rise(place: Place, lab: Lab) -> None:
-    consumer = EventConsumer()
-    both = [RoboCorba.EventPattern("x", ""), RoboCorba.EventPattern("y", "")]
-    policy = RoboCorba.QueuePolicy(77, RoboCorba.BLOCK_SUPPLIER, 0.5)
-    wanted = [*clauses("a*"), RoboCorba.Clause(both, 2.0)]
-    proxy = lab.channel.subscribe("log", place.orb.activate(consumer), wanted, policy)
-    with lab.client("B") as robot:
-        robot.push("a1", 1)
-        eventually(lambda: len(consumer.got) == 1)
-        proxy.suspend()
-        before = lab.state("log")
-
-        lab.restart()
-
-        after = lab.state("log")
-        assert repr((after.subscribed, after.queue)) == repr((before.subscribed, before.queue))
-        assert after.condition == RoboCorba.SUSPENDED
-        again(lambda: robot.push("a2", 2))
-        robot.push("b", 3)
-        assert lab.state("log").events.queued == 1
-        proxy.resume()
-        eventually(lambda: [type for _, type, _, _ in consumer.got] == ["a1", "a2"])
-        assert consumer.got[1][0] > consumer.got[0][0]
-    lab.channel.unsubscribe("log")
-    assert consumer.disconnections == 1
-
-
-def test_a_supplier_goes_on_over_a_restart_and_loses_only_what_is_reported(lab: Lab) -> None:
-    got: list[int] = []
-    with lab.client("A") as robot, lab.client("B") as observer:
-        observer.subscribe(lambda event: got.append(event.payload))
-        reported: list[int] = []
-        stop = threading.Event()
-
-        def talk() -> None:
-            number = 0
-            while not stop.is_set():
-                try:
-                    robot.push("t", number)
-                except Unconfirmed:
-                    reported.append(number)
-                number += 1
-                pause(0.002)
-
-        talking = threading.Thread(target=talk)
-        talking.start()
-        eventually(lambda: len(got) > 50)
-        count = len(got)
-        lab.restart()
-        eventually(lambda: len(got) > count + 50, 60.0)
-        stop.set()
-        talking.join(15)
-    assert got == sorted(set(got))
-    missing = set(range(got[-1])) - set(got)
-    # Reported: the call that was interrupted, and one that reached the port of the dying process, which the kernel may
-    # close after the connections. The others can only be what was in the queue of the process that was killed.
-    assert len(reported) <= 2
-    assert len(missing - set(reported)) <= 2
 
 
 def test_a_pull_that_waits_neither_holds_up_the_end_nor_is_it_disconnected(lab: Lab) -> None:

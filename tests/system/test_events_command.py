@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from robocorba.system.supervision.launch import module_command
-from testkit.processes import ROBOCORBA, Running, eventually, refusal, running_system
+from testkit.processes import ROBOCORBA, Running, eventually, running_system
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
@@ -93,7 +93,7 @@ def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> No
     assert into_hall["bytes"] > 0
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, None])
+@pytest.mark.parametrize("number", [signal.SIGINT, None])
 def test_tail_ends_and_leaves_nothing(events: Events, number: signal.Signals | None) -> None:
     """By a signal, or when nobody reads it any more."""
     listener = events("tail", "lab", "--json")
@@ -122,32 +122,6 @@ def test_links_end_and_begin(events: Events) -> None:
     eventually(lambda: "removed" in state(events, "hall")["links"][0]["problem"], 60.0, "the refusal")
     done(events("peer", "add", "lab", "hall"))
     eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), 60.0, "the link again")
-
-
-def test_what_cant_be_done_is_one_line(events: Events, launch: Launch, naming_port: int) -> None:
-    reasons = {
-        ("tail", "nowhere"): "RoboCorba/EventChannels/nowhere is not reachable",
-        ("push", "lab", "x", "{1"): "payload: '{1' is not JSON",
-        ("push", "lab", "", "1"): "type: is empty",
-        ("push", "lab", "x", str(2**64)): "payload: cannot be encoded by msgpack",
-        ("tail", "lab", "--type", "t" * 201): "[0].patterns[0].type: 201 characters",
-        ("peer", "add", "lab", "a/b"): "name: 'a/b' is not 1 to 60 letters",
-        ("peer", "remove", "lab", "yard"): "'yard' is not a peer; peers are hall",
-        ("stats", "--naming", "here"): "--naming is 'here': not of the form HOST:PORT",
-    }
-    reasons["stats", "--naming", f"127.0.0.1:{naming_port}"] = (
-        f"the naming service at 127.0.0.1:{naming_port} does not answer"
-    )
-    for process, reason in [(events(*arguments), reason) for arguments, reason in reasons.items()]:
-        said = refusal(process)
-        assert said.startswith("robocorba events ") and f": {reason}" in said
-    assert said.endswith("; is `robocorba up` running? Its address is that of --naming")
-
-    process = events("stats", "lab", "nowhere")
-    out, err = process.communicate(timeout=30)
-    assert (process.returncode, err) == (1, "")
-    assert "lab\ttotal\tsuppliers" in out
-    assert "nowhere\tproblem\tRoboCorba/EventChannels/nowhere is not reachable" in out
 
 
 #: By the name of an example: the type of the events that its consumer is interested in.

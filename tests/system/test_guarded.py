@@ -20,14 +20,13 @@ from robocorba.robot.agent_state import AgentCondition
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.simulation.mission_record import MissionContent
 from robocorba.stubs import RoboCorba, RoboCorba__POA
-from robocorba.system.roles import NAMED, Role
+from robocorba.system.roles import Role
 from robocorba.system.settings import RoleNaming, role_file
 from robocorba.system.supervision.stop_addresses import stop_addresses
 from testkit.buildings import two_floors
 from testkit.intrusion.intruder import WAYS, Intruder
 from testkit.processes import ROBOCORBA, Launcher, Running, eventually, running_system
 from testkit.simulation import about
-from tests.system.state_files import state_files
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
@@ -92,62 +91,11 @@ def test_a_role_calls_what_it_may_and_nothing_else(orb: Orb, guarded: Running, r
     assert findings.pairs + findings.out_of_reach > 200
 
 
-def test_the_sensor_of_a_robot_gives_no_right_to_those_of_others(orb: Orb, guarded: Running) -> None:
-    server = found(orb, guarded, Role.ROBOT, "SimulationServer")._narrow(RoboCorba.SimulationServer)
-    session = server.registerRobot(about("other", 8.0, 8.0))
-    sensor = session._get_sensor()
-    refused(sensor.forRobot, "A")
-    refused(sensor.dismiss, "A")
-    assert sensor.forRobot("other") is not None
-    session.deregister()
-
-
-@pytest.mark.parametrize("role", ATTACKERS)
-def test_names_are_read_only(orb: Orb, guarded: Running, role: Role) -> None:
-    agent = found(orb, guarded, Role.OBSERVER, "Robots/A")
-    root = names_of(orb, guarded, role)
-    robots = root.resolve_str("RoboCorba/Robots")._narrow(CosNaming.NamingContext)
-    name = [CosNaming.NameComponent("A", "")]
-    for context in (root, robots):
-        refused(context.rebind, name, agent)
-        refused(context.bind, name, agent)
-        refused(context.unbind, name)
-        refused(context.rebind_context, name, root)
-        refused(context.bind_context, name, root)
-        refused(context.bind_new_context, name)
-        refused(context.new_context)
-        refused(context.destroy)
-    assert found(orb, guarded, Role.OBSERVER, "Robots/A")._is_equivalent(agent)
-
-
-def test_a_robot_takes_no_other_name(orb: Orb, guarded: Running) -> None:
-    theirs = found(orb, guarded, Role.OBSERVER, "Robots/A")
-    observer = names_of(orb, guarded, Role.OBSERVER)
-    refused(observer.resolve_str, "NameRegistry", by=CosNaming.NamingContext.NotFound)
-    registry = names_of(orb, guarded, Role.ROBOT).resolve_str("NameRegistry")._narrow(RoboCorba.NameRegistry)
-    fake = [RoboCorba.RoleReference(RoboCorba.OPERATOR_ROLE, theirs)]
-    refused(registry.announce, "RoboCorba/Robots/A", fake, SECRET, by=RoboCorba.NameHeld)
-    refused(registry.withdraw, "RoboCorba/Robots/A", SECRET, by=RoboCorba.NameHeld)
-    for name in ("RoboCorba/SimulationServer", "RoboCorba/VirtualSensors/s2", "RoboCorba/Robots/A/pool", "x"):
-        refused(registry.announce, name, fake, SECRET, by=RoboCorba.InvalidBinding)
-    registry.announce("RoboCorba/Robots/free", fake, SECRET)  # its own name
-    registry.withdraw("RoboCorba/Robots/free", SECRET)
-
-
 def test_keys_cannot_be_guessed(orb: Orb, guarded: Running) -> None:
     endpoint = next(process.endpoint for process in guarded.record().processes if process.name == "events_a")
     for key in ("consumers", "suppliers", "feed", "gateway", "proxies/0", "proxies/1", "proxies/2"):
         uri = f"corbaloc:iiop:1.2@{endpoint}/EventChannels/a/{key}"
         assert orb.reference(uri, CosNaming.NamingContext, 5.0)._non_existent()
-
-
-def test_only_operators_name_a_subscription_that_others_may_have_made(orb: Orb, guarded: Running) -> None:
-    assert not NAMED["EventChannel", "subscribe"] & set(ATTACKERS)
-    for role in ATTACKERS:
-        channel = found(orb, guarded, role, "EventChannels/a")._narrow(RoboCorba.EventChannel)
-        policy = RoboCorba.QueuePolicy(10, RoboCorba.DISCARD_OLDEST, 0.0)
-        refused(channel.subscribe, "theirs", None, [], policy)
-        refused(channel.subscribe, "", None, [], policy, by=CORBA.BAD_PARAM)
 
 
 def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path) -> None:
@@ -170,12 +118,6 @@ def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path)
     assert orb.reference(uri, RoboCorba.EventChannel).supply("") is not None
     refused(found(orb, guarded, Role.ROBOT, "MapEditor")._narrow(RoboCorba.MapEditor).begin)
     found(orb, guarded, Role.OPERATOR, "MapEditor")._narrow(RoboCorba.MapEditor).begin().rollBack()
-
-
-def test_the_files_are_for_this_user_only(guarded: Running) -> None:
-    modes = {file.path: file.mode for file in state_files(guarded.state / "access")}
-    assert modes == {file: 0o700 if file.is_dir() else 0o600 for file in modes}
-    assert len(modes) > 3
 
 
 def test_names_return_after_a_kill_of_their_server(orb: Orb, guarded: Running) -> None:

@@ -7,7 +7,7 @@ import contextlib
 import json
 import re
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,8 +17,10 @@ import pytest
 from robocorba.map_editor import native
 from robocorba.map_editor.model import BoxShape, MapObject
 from robocorba.orb.orb import Orb
+from robocorba.robot.adaptor import RobotAdaptor
 from robocorba.robot.corba.adaptor_servant import SensingAdaptorServant
-from robocorba.robot.senses import Ranges
+from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses, usual_sensors
 from robocorba.stubs import RoboCorba
 from robocorba.system.claimed_ports import claimed_ports
 from testkit.actual_robot import running_stand_in
@@ -26,27 +28,48 @@ from testkit.browser import chromium, headless
 from testkit.buildings import two_floors, with_all
 from testkit.processes import eventually, read_json, running_system
 from testkit.virtual_and_actual import RobotProcess, robot_process
-from tests.system.test_senses import START, Standing
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 PATIENCE_S = 120.0
+#: Where the robot of the driver in this process stands.
+START = (2.5, 3.0, 0.0)
 #: Where the actual robot begins, and its radius; the front of the chair before it [m].
 AT, RADIUS_M, CHAIR_X = (2.5, 5.5, 0.0), 0.4, 4.5
 
 
-class Counting(Standing):
-    """A driver in this process, and how often its laser was asked."""
+class Counting(RobotAdaptor, Senses):
+    """A driver in this process whose robot stands at START; what its laser measures, and how often it was asked."""
 
     def __init__(self) -> None:
-        super().__init__()
-        self.asked = 0
+        self.senses, self.distance_m, self.count, self.asked = self, 8.0, 0, 0
+
+    def start(self, argv: Sequence[str]) -> bool:
+        return True
+
+    def stop(self) -> bool:
+        return True
+
+    def read(self, state: RobotState) -> bool:
+        self.count += 1
+        state.time, (state.x, state.y, state.heading) = 0.02 * self.count, START
+        return True
+
+    def write(self, command: ActorCommand) -> bool:
+        return True
+
+    @property
+    def sensors(self) -> Sequence[RangeSensor]:
+        return usual_sensors()[:1]
 
     def ranges(self, name: str) -> Ranges:
         self.asked += 1
-        return super().ranges(name)
+        return Ranges(0.02 * self.count, np.full(self.sensor(name).spec.fan.count, self.distance_m))
+
+    def readings(self) -> Sequence[Reading]:
+        return [Reading("bumper", "contacts", 0.02 * self.count, 7.0)]
 
 
 class Place(NamedTuple):
@@ -156,18 +179,15 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
         page, troubles = browser.new_page(), list[str]()
         page.set_default_timeout(PATIENCE_S * 1000.0)
         page.on("pageerror", lambda error: troubles.append(str(error)))
-        for path, region in (("", "Robot"), ("3d", "Selected robot")):
-            for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
-                page.goto(f"{place.address}{path}?robot={robot}")
-                panel = page.get_by_label(f"Robot {robot}" if region == "Robot" else region, exact=True)
-                sync.expect(panel).to_contain_text(re.compile(fact))
-                legend = page.get_by_label("Rays of sensors")
-                for kind in ("laser", "proximity", "sensor of an actual robot", "virtual sensor", "in no map"):
-                    sync.expect(legend).to_contain_text(kind)
-            if region == "Robot":
-                sync.expect(page.get_by_label("Proximity [m]")).to_have_text(re.compile(r"free.*free.*0\.60"))
-                page.get_by_role("button", name="Lasers and proximity").click()
-                sync.expect(page.get_by_label("Rays of sensors")).to_have_count(0)
+        for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
+            page.goto(f"{place.address}?robot={robot}")
+            sync.expect(page.get_by_label(f"Robot {robot}", exact=True)).to_contain_text(re.compile(fact))
+            legend = page.get_by_label("Rays of sensors")
+            for kind in ("laser", "proximity", "sensor of an actual robot", "virtual sensor", "in no map"):
+                sync.expect(legend).to_contain_text(kind)
+        sync.expect(page.get_by_label("Proximity [m]")).to_have_text(re.compile(r"free.*free.*0\.60"))
+        page.get_by_role("button", name="Lasers and proximity").click()
+        sync.expect(page.get_by_label("Rays of sensors")).to_have_count(0)
         assert troubles == []
 
 

@@ -1,4 +1,4 @@
-"""Every operation of the map editor over the wire, and every exception with its fields."""
+"""The map editor over the wire: each kind of element, transactions, exceptions with their fields, and kills."""
 
 from __future__ import annotations
 
@@ -11,21 +11,15 @@ import pytest
 from PIL import Image
 
 from robocorba.errors.maps import (
-    EditedByOthers,
     InvalidElement,
-    NothingToRedo,
     SessionEnded,
-    TransactionClosed,
 )
 from robocorba.errors.services import NotReachable
-from robocorba.map_editor import native
-from robocorba.map_editor.changes import ChangeKind
 from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
-from robocorba.map_editor.model import ElementKind, PathNode, Wall
+from robocorba.map_editor.model import Wall
 from robocorba.map_editor.underlays import Underlay
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
-from testkit.buildings import two_floors
 from testkit.processes import Running, eventually
 from tests.system.elements import XY, all_elements, examples, id_of, replay, wall
 from tests.system.refusals import refused
@@ -147,122 +141,7 @@ def test_a_transaction_is_one_edit(editor: Any) -> None:
     refused(RoboCorba.UnknownElement, editor.read, id_of("L2", made))
 
 
-def test_a_transaction_sees_the_exceptions_of_an_edit(editor: Any) -> None:
-    first = editor.create("L2", wall("there"))
-    there, transaction = id_of("L2", wall("there")), editor.begin()
-    refused(RoboCorba.DuplicateElement, transaction.create, "L2", wall("there"))
-    refused(RoboCorba.UnknownElement, transaction.create, "L9", wall("w"))
-    refused(RoboCorba.UnknownElement, transaction.change, "L2", wall("nowhere"), first)
-    refused(RoboCorba.InvalidElement, transaction.change, "L2", wall("there", height=-1.0), first)
-    stale = refused(RoboCorba.StaleEdit, transaction.remove, there, first - 1)
-    assert (stale.expected, stale.current) == (first - 1, first)
-    transaction.remove(there, first)
-    assert transaction.commit() == first + 1
-
-
-def test_an_ended_transaction_says_so(editor: Any) -> None:
-    began = editor._get_currentVersion()
-    committed, rolled_back, failed = (editor.begin() for _ in range(3))
-    committed.commit()
-    rolled_back.rollBack()
-    failed.create("L2", edge("e", "a", "b"))
-    said = refused(RoboCorba.InvalidElement, failed.commit)
-    assert words(said.id) == ("EDGE_ELEMENT", "L2", "e")
-    assert said.reason == "node 'a' does not exist on this floor"
-    for ended in (committed, rolled_back, failed):
-        refused(RoboCorba.TransactionClosed, ended.create, "L2", wall("w"))
-        refused(RoboCorba.TransactionClosed, ended.change, "L2", wall("w"), 1)
-        refused(RoboCorba.TransactionClosed, ended.remove, id_of("L2", wall("w")), 1)
-        refused(RoboCorba.TransactionClosed, ended.commit)
-        refused(RoboCorba.TransactionClosed, ended.rollBack)
-    assert editor._get_currentVersion() == began
-
-
-def test_a_transaction_is_refused_where_another_editor_was_faster(editor: Any) -> None:
-    first = editor.create("L2", wall("contested"))
-    changing, creating, removing = editor.begin(), editor.begin(), editor.begin()
-    changing.change("L2", wall("contested", height=1.0), first)
-    creating.create("L2", wall("new"))
-    removing.remove(id_of("L2", wall("contested")), first)
-    second = editor.change("L2", wall("contested", height=2.0), first)
-    third = editor.create("L2", wall("new"))
-    stale = refused(RoboCorba.StaleEdit, changing.commit)
-    assert (stale.expected, stale.current) == (first, second)
-    assert words(refused(RoboCorba.DuplicateElement, creating.commit).id) == ("WALL_ELEMENT", "L2", "new")
-    editor.remove(id_of("L2", wall("contested")), second)
-    refused(RoboCorba.UnknownElement, removing.commit)
-    editor.remove(id_of("L2", wall("new")), third)
-
-
-def test_transactions_and_sessions_are_bounded(editor: Any) -> None:
-    """Transactions without a session are 32 at most, so that a session has room."""
-    ada, bob = editor.openSession("Ada"), editor.openSession("Bob")
-    for _ in range(3):  # those that ended leave room for as many again
-        opened = []
-        for client, limit in ((editor, 32), (ada, 32), (bob, 64)):
-            opened += [client.begin() for _ in range(32 if limit == 32 else 0)]
-            assert refused(RoboCorba.TooManyTransactions, client.begin).limit == limit
-        for transaction in opened:
-            transaction.rollBack()
-    sessions = [ada, bob, *(editor.openSession("Eve") for _ in range(62))]
-    assert refused(RoboCorba.TooManyTransactions, editor.openSession, "Eve").limit == 64
-    for session in sessions:
-        session.close()
-    assert "the author's name is empty" in refused(RoboCorba.InvalidElement, editor.openSession, "").reason
-
-
 # ---- history ----
-
-
-def test_undo_goes_back_to_the_beginning_and_redo_forward_again(editor: Any) -> None:
-    editor.create("L2", wall("last"))
-    after = all_elements(editor)
-    undone = 0
-    while True:
-        version = editor._get_currentVersion()
-        try:
-            assert editor.undo(version) == version + 1
-        except RoboCorba.NothingToUndo:
-            break
-        undone += 1
-    assert undone > 0
-    assert native.loads(editor.exportMap()) == two_floors()
-    for _ in range(undone):
-        assert editor.redo(version) == version + 1
-        version += 1
-    assert all_elements(editor) == after
-    refused(RoboCorba.NothingToRedo, editor.redo, version)
-    for step in (editor.undo, editor.redo):
-        stale = refused(RoboCorba.StaleVersion, step, version - 1)
-        assert (stale.expected, stale.current) == (version - 1, version)
-
-
-def test_elements_and_changes_come_in_pages(editor: Any) -> None:
-    began = editor._get_currentVersion()
-    assert editor.changesSince(began) == []
-    for asked in (began + 1, 0):  # changes of the future are not there
-        unavailable = refused(RoboCorba.VersionUnavailable, editor.changesSince, asked)
-        assert (unavailable.asked, unavailable.oldest, unavailable.current) == (asked, 1, began)
-    editor.remove(id_of("L2", wall("paged")), editor.create("L2", wall("paged")))
-    everything, start, records = RoboCorba.MapSelection([], ""), 0, []
-    while True:
-        page = editor.readElements(start, everything, 2)
-        assert (len(page.elements) <= 2, page.readAt) == (True, began + 2)
-        records += page.elements
-        start = page.next
-        if page.isLast:
-            break
-    found = {(str(each.value._d), each.onFloor, each.value._v.name): repr(each.value) for each in records}
-    assert (len(found), found) == (len(records), all_elements(editor))
-    walls = RoboCorba.MapSelection([RoboCorba.WALL_ELEMENT], "L2")
-    page = editor.readChanges(RoboCorba.ChangePosition(began, 0), walls, 1)
-    assert ([str(change.kind) for change in page.changes], page.isLast, page.left) == (["CREATED"], False, 1)
-    page = editor.readChanges(page.next, walls, 0)
-    assert ([str(change.kind) for change in page.changes], page.isLast) == (["REMOVED"], True)
-    assert (page.next.since, page.next.taken, page.left) == (began + 2, 0, 0)
-    beyond = RoboCorba.ChangePosition(2**64 - 1, 2**32 - 1)
-    refused(RoboCorba.VersionUnavailable, editor.readChanges, beyond, everything, 2**32 - 1)
-    assert editor.readElements(2**64 - 1, everything, 2**32 - 1).isLast
 
 
 def test_the_map_goes_out_and_in_as_text(editor: Any) -> None:
@@ -335,53 +214,6 @@ def test_an_edge_is_blocked_while_its_door_is_locked(editor: Any, system: Runnin
 def short_wall(name: str, x: float = 0.5) -> Wall:
     """A wall far from all nodes and edges."""
     return Wall(name=name, a=(x, 8.5), b=(x, 9.5))
-
-
-def test_two_authors_share_a_map(system_orb: Orb) -> None:
-    remote = RemoteMapEditor(system_orb)
-    before, began = remote.building()
-    ada, bob = remote.open_session("Ada Ж"), remote.open_session("Bob")
-    made = ada.create("L2", short_wall("a"))
-    bob.create("L2", short_wall("b"))
-    ada.create("L2", short_wall("c"))
-    assert (ada.author, ada.undoable(), ada.redoable()) == ("Ada Ж", "wall c on L2 created", "")
-    ada.undo()
-    assert ada.redoable() == "wall c on L2 created"
-    changed = bob.change("L2", short_wall("a", 0.75), made)
-    others = refused(EditedByOthers, ada.undo)
-    assert (others.kind, others.name, others.author) == ("wall", "a", "Bob")
-    assert remote.read(ElementKind.WALL, "L2", "a") == (short_wall("a", 0.75), changed)
-    assert bob.rename(ElementKind.WALL, "L2", "a", "z", changed) == changed + 1
-    transaction = bob.begin()
-    transaction.create("L2", PathNode(name="n", at=(1.0, 1.0), elevator="E9"))
-    (problem,) = transaction.problems()
-    assert (problem.name, problem.where) == ("n", ("L2", 1.0, 1.0))
-    assert problem.reason == "it names elevator 'E9', which does not exist"
-    transaction.roll_back()
-    refused(TransactionClosed, transaction.problems)
-    assert [(edit.author, edit.summary) for edit in remote.edits_since(began)] == [
-        ("Ada Ж", "wall a on L2 created"),
-        ("Bob", "wall b on L2 created"),
-        ("Ada Ж", "wall c on L2 created"),
-        ("Ada Ж", "undone: wall c on L2 created"),
-        ("Bob", "wall a on L2 changed"),
-        ("Bob", "wall a on L2 renamed to z"),
-    ]
-    assert [change.kind for change in remote.changes_since(changed)] == [ChangeKind.REMOVED, ChangeKind.CREATED]
-    ada.redo()
-    refused(NothingToRedo, ada.redo)
-    ada.undo()
-    for _ in range(3):
-        bob.undo()
-    after, version = remote.building()
-    assert after == before.with_element("L2", short_wall("a"))
-    remote_edit = remote.open_session("Eve")
-    remote_edit.remove(ElementKind.WALL, "L2", "a", remote.read(ElementKind.WALL, "L2", "a")[1])
-    assert remote.version() == version + 1
-    for session in (ada, bob, remote_edit):
-        session.close()
-        session.close()
-        refused(SessionEnded, session.undoable)
 
 
 def test_authors_and_pictures_survive_a_kill(system_orb: Orb, system: Running) -> None:

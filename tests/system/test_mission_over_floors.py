@@ -1,6 +1,5 @@
-"""Robots on two floors: they swap floors by the only elevator, then two carry a box up, and one is killed in the cabin.
-What they say meanwhile on their touch panels a client, the console, `robocorba watch` and `robocorba status` read
-in the same words."""
+"""Two robots carry a box up, and one is killed in the cabin. What they show meanwhile on their touch panels a client,
+the console, `robocorba watch` and `robocorba status` read in the same words."""
 
 from __future__ import annotations
 
@@ -16,11 +15,9 @@ import pytest
 from robocorba.console.system_state import SystemState
 from robocorba.errors.services import NotReachable
 from robocorba.missions.formation import HAND_M
-from robocorba.robot.agent_state import AgentCondition, ProgramResult
+from robocorba.robot.agent_state import AgentCondition
 from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.robot.display import DisplayKind
-from robocorba.robot.programs import program
-from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.simulation.registry import Pose
 from robocorba.system.repeating import Repeating
 from testkit.buildings import two_storeys
@@ -31,8 +28,6 @@ pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
 PATIENCE_S = 120.0
 ORDER = "waiting", "waiting for an order"
-#: Before the elevator, on either floor.
-CROSSING = {"C": RobotStart(6.6, 3.5, 0.0, "main"), "D": RobotStart(6.0, 3.5, 0.0, "main", floor="L2")}
 CARRYING = {"A": RobotStart(4.2, 2.2, 0.785, "main"), "B": RobotStart(6.6, 4.8, -2.36, "main")}
 #: The box.
 START, GOAL = Pose("L1", 5.4, 3.5, -0.785), Pose("L2", 6.4, 3.5, -0.785)
@@ -90,32 +85,6 @@ def viewers(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewers]:
             yield Viewers(place, console)
         finally:
             console.close()
-
-
-def test_a_robot_leaves_the_cabin_straight_towards_another_that_waits_for_it_and_says_so(viewers: Viewers) -> None:
-    """Each is where the other one goes. Time nearly stands while all look."""
-    place = viewers.place
-    place.start(CROSSING)
-    agents = {name: place.agent(name) for name in CROSSING}
-    for name, other in (("C", "D"), ("D", "C")):
-        at = CROSSING[other]
-        agents[name].load(program.dumps(ProgramBuilder("change floors").mbase_path(at.floor, at.x, at.y).program()))
-        agents[name].run()
-    awaits = ("waiting", "waiting for elevator E1")
-    eventually(lambda: viewers.agent("D")[1].startswith(awaits[1]), PATIENCE_S, "D waits")
-    pace = ("simulation", "pace", "--state", str(place.running.state))
-    place.printed(*pace, "0.02")
-    viewers.all_show("D", *viewers.agent("D"))
-    assert viewers.agent("D")[1].startswith(awaits[1])
-    place.printed(*pace, "1")
-    for name, agent in agents.items():
-        eventually(lambda agent=agent: agent.state().program.result is not ProgramResult.NO_RESULT, 300.0, name)
-        assert agent.state().program.result is ProgramResult.DONE, agent.state().program
-    agents["C"].stop()
-    viewers.all_show("C", "exceptional", "stopped: emergency stop")
-    agents["C"].reset_stop()
-    viewers.all_show("C", *ORDER)
-    place.end()
 
 
 class Truth:

@@ -65,24 +65,6 @@ def test_a_virtual_robot_drives_around_a_body_that_tells_nothing_and_straight_on
         beats.close()
 
 
-def test_two_robots_that_tell_their_poses_meet(system_orb: Orb, tmp_path: Path) -> None:
-    """They give way to each other, each to a robot, not to a thing."""
-    server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-    contacts = server._get_state().collisions
-    there = ("--floor", "L1", "--at", f"{GOAL[0]},{GOAL[1]},3.14", "--perceive", "sensors")
-    for name in "AB":
-        (tmp_path / name).mkdir()
-    with (
-        robot_process(tmp_path / "A", system_orb, "A", *WHERE) as one,
-        robot_process(tmp_path / "B", system_orb, "B", *there) as other,
-    ):
-        other.agent.load(dumps(ProgramBuilder("there").mbase_path("L1", *START).program()))
-        other.agent.run()
-        drive(one.agent, GOAL)
-        eventually(lambda: other.agent.state().program.result is ProgramResult.DONE, 240.0, "the other one")
-    assert server._get_state().collisions == contacts
-
-
 def test_an_actual_robot_drives_around_a_chair_that_no_map_has(system_orb: Orb, tmp_path: Path) -> None:
     """With its protective field, noise, and rays without an echo."""
     chair = MapObject(name="chair", shape=BoxShape(size=(0.5, 0.5)), at=CHAIR)

@@ -12,14 +12,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import CosNaming
 import msgspec
 import pytest
 
 from robocorba.errors.robots import IllegalOrder
 from robocorba.map_editor import native
 from robocorba.map_editor.model import Building, Floor, Wall
-from robocorba.map_editor.spatial.floor_update import WHOLE
 from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition, AgentState, ProgramResult
 from robocorba.robot.corba.remote_agent import RemoteAgent
@@ -27,13 +25,11 @@ from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program, dumps
-from robocorba.simulation.corba.remote_database import RemoteDatabase
-from robocorba.stubs import RoboCorba, RoboCorba__POA, YeRTUnitMobility, _GlobalIDL
+from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
 from robocorba.system.supervision.launch import module_command
 from testkit.actual_robot import ROOT, StandIn, running_stand_in
-from testkit.attacks import repeat_in_threads
 from testkit.buildings import two_floors, with_all
-from testkit.processes import ROBOCORBA, Launcher, Running, eventually, hang, running_system
+from testkit.processes import Launcher, Running, eventually, hang, running_system
 from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
 from tests.waits import outlast, pause
 
@@ -133,13 +129,10 @@ def robot(tmp_path_factory: pytest.TempPathFactory, system: Running, place: Stan
 @pytest.mark.parametrize(
     ("happens", "program", "why"),
     [
-        (lambda faults: faults.lost("MnpL", True), LONG, "MnpL does not answer"),
         (lambda faults: faults.lost("MnpL", True), WAITING, "MnpL does not answer"),
         (lambda faults: faults.alarm("MnpR", 0x99, _GlobalIDL.FAULT, "too hot"), LONG, "alarm 0x99 too hot"),
-        (lambda faults: faults.emergencySwitch(True), LONG, "the emergency switch is pressed"),
-        (lambda faults: faults.slowNetwork(5.0), LONG, "not answer"),
     ],
-    ids=("a lost unit", "a lost unit at rest", "an alarm", "the switch", "a slow network"),
+    ids=("a lost unit at rest", "an alarm"),
 )
 def test_an_actual_robot_that_fails(
     robot: Robot, place: StandIn, happens: Callable[[Any], None], program: Program, why: str
@@ -200,125 +193,6 @@ def test_a_robot_process_that_hung_goes_on_only_after_a_short_pause(robot: Robot
     assert "paused for" in state.program.reason or "logged the robot off" in state.program.reason
     eventually(robot.stands)
     assert robot.works()
-
-
-# ---- while names are stolen ----
-
-#: Time limit for a stopped body to stand [s]; shorter than the program below.
-STANDING_S = 10.0
-AHEAD = ProgramBuilder("ahead").mbase_velocity(0.2, 0.0, 0.0, 60.0).program()
-EVIL = "\x1b]0;evil\x07\n\tB\tstands"
-
-
-class FalseRobot(RoboCorba__POA.RobotAgent):
-    """Confirms everything."""
-
-    def _get_name(self) -> str:
-        return "A"
-
-    def stop(self) -> None:
-        pass
-
-
-class FalseServer(RoboCorba__POA.SimulationServer):
-    """Says that all stand."""
-
-    def stopRobots(self, robots: list[str], reason: str) -> list[Any]:
-        return [RoboCorba.StopState("A", True, True, 0.0, True, "")]
-
-
-def thief(orb: Orb) -> contextlib.AbstractContextManager[None]:
-    """Binds false objects to the names of the robot A and of the simulation server, again and again."""
-    root = orb.reference(f"corbaloc:iiop:1.2@{orb.naming}/NameService", CosNaming.NamingContext)
-    false = {"Robots/A": orb.activate(FalseRobot()), "SimulationServer": orb.activate(FalseServer())}
-    false[f"Robots/{EVIL}"] = false["Robots/A"]
-
-    def steal() -> None:
-        for name, reference in false.items():
-            root.rebind([CosNaming.NameComponent(part, "") for part in f"RoboCorba/{name}".split("/")], reference)
-        pause(0.02)
-
-    steal()
-    return repeat_in_threads(steal, 1)
-
-
-@pytest.fixture
-def robocorba(launch: Launcher, system: Running) -> Callable[..., tuple[int, str]]:
-    """Runs `robocorba`, and returns its exit code and what it has printed."""
-
-    def run(*arguments: str) -> tuple[int, str]:
-        places = {"ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(system.state)}
-        process = launch(ROBOCORBA, *arguments, **places)
-        out, err = process.communicate(timeout=PATIENCE_S)
-        return process.returncode, out + err
-
-    return run
-
-
-#: What proves that a virtual robot stands; on a busy machine its body may be seen first.
-PROOFS = {"A\tstands\tthe robot confirms it", "A\tstands\tits body stands"}
-
-
-def speed(orb: Orb) -> float:
-    """Of the body of the robot A [m/s], only read: an order would stop the robot as well. Not from its agent, whose
-    state is not updated while it is stopped."""
-    update = RemoteDatabase(orb, PATIENCE_S).changes("L1", WHOLE)
-    (number,) = (body.number for body in update.came if body.name == "A")
-    (row,) = (row for row in update.motions if row["number"] == number)
-    return math.hypot(row["vx"], row["vy"])
-
-
-def drive(orb: Orb) -> RemoteAgent:
-    agent = RemoteAgent(orb, "A", PATIENCE_S)
-    agent.load(dumps(AHEAD))
-    agent.run()
-    eventually(lambda: speed(orb) > 0.15, PATIENCE_S, "moving")
-    return agent
-
-
-def check_stopped(agent: RemoteAgent, orb: Orb) -> None:
-    eventually(lambda: agent.state().condition.name == "STOPPED", PATIENCE_S, "the robot has received the stop")
-    eventually(lambda: speed(orb) < 0.01, STANDING_S, "the body stands")
-
-
-def test_a_stop_does_not_depend_on_names(
-    system: Running, system_orb: Orb, robocorba: Callable[..., tuple[int, str]], tmp_path: Path
-) -> None:
-    endpoint = next(process.endpoint for process in system.record().processes if process.name == "simulation")
-    server = system_orb.reference(f"corbaloc:iiop:1.2@{endpoint}/SimulationServer", RoboCorba.SimulationServer, 5.0)
-    where, server_log = ("--floor", "L1", "--at", "3,5,0", "--channel", "main"), system.state / "logs/simulation.log"
-    with robot_process(tmp_path, system_orb, "A", *where):
-        agent = drive(system_orb)
-        own = agent._agent
-        with thief(system_orb):
-            code, printed = robocorba("stop", "--all")
-            assert code == 0
-            assert PROOFS & set(printed.splitlines())
-            assert "\x1b" not in printed and "\nB\tstands" not in printed
-            assert "evil" in printed
-            check_stopped(agent, system_orb)
-
-        def is_back() -> bool:
-            bound = system_orb._names.bound("Robots/A"), system_orb._names.bound("SimulationServer")
-            return bool(bound[0]._is_equivalent(own) and bound[1]._is_equivalent(server))
-
-        eventually(is_back, PATIENCE_S, "names taken back")
-        for log, name in ((tmp_path / "state/logs/robot_A.log", "Robots/A"), (server_log, "SimulationServer")):
-            assert f"took back the name RoboCorba/{name}" in log.read_text()
-        until = "all robots are stopped, until: robocorba stop --all --reset (emergency stop)"
-        assert until in robocorba("status")[1]
-        robocorba("stop", "--all", "--reset")  # also what the thief has bound, which refuses
-        assert "all robots" not in robocorba("status")[1]
-        drive(system_orb)
-        naming = system.pid("omniNames")
-        hang(naming)
-        try:
-            code, printed = robocorba("stop", "A")
-        finally:
-            with contextlib.suppress(ProcessLookupError):
-                os.kill(naming, signal.SIGCONT)
-        assert code == 0 and printed.rstrip("\n") in PROOFS
-        check_stopped(agent, system_orb)
 
 
 # ---- as a virtual one ----

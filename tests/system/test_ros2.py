@@ -148,10 +148,12 @@ def test_a_foreign_node_sees_two_robots_and_gives_orders(
         bridge.kill()
         eventually(lambda: is_idle(a), PATIENCE_S, "a robot stands whose driver is gone")
         descriptions, count = ros.counts()["/A/robot_description"], ros.counts()["/A/odom"]
-        again = start("--robots", "A")
+        again = start("--robots", "A", "--stamped", "--namespaced-tf", "--floor", "L2", "--resolution", "0.1")
         eventually(lambda: ros.counts()["/A/odom"] > count + 5, PATIENCE_S, "odometry")
         eventually(lambda: ros.counts()["/A/robot_description"] > descriptions, PATIENCE_S, "latched description")
         eventually(lambda: ros.subscribers(topic="/A/cmd_vel"), PATIENCE_S, "subscription")
+        with contextlib.closing(Ros(tmp_path, domain)) as other:
+            see_options(other, a)
         again.send_signal(signal.SIGINT)
         out, err = again.communicate(timeout=PATIENCE_S)
         assert (again.returncode, out) == (0, "")
@@ -307,22 +309,19 @@ def run_programs(ros: Ros, agent: RemoteAgent) -> None:
     eventually(lambda: is_idle(agent), PATIENCE_S, "end")
 
 
-def test_it_does_as_its_options_say(
-    start: Callable[..., Any], agents: tuple[RemoteAgent, RemoteAgent], domain: int, tmp_path: Path
-) -> None:
-    start("--robots", "A", "--stamped", "--namespaced-tf", "--floor", "L2", "--resolution", "0.1")
-    with contextlib.closing(Ros(tmp_path, domain)) as ros:
-        ros.subscribe(topic="/map", type="nav_msgs/msg/OccupancyGrid", latched=True)
-        info = eventually(lambda: ros.last("/map"), PATIENCE_S, "map")["info"]
-        assert (info["origin"]["position"]["z"], info["resolution"]) == (4.0, pytest.approx(0.1))
-        if HAS_TF2:
-            ros.subscribe(topic="/A/tf", type="tf2_msgs/msg/TFMessage")
-            frames = [(each["header"]["frame_id"], each["child_frame_id"]) for each in ros.wait("/A/tf")["transforms"]]
-            assert frames[:2] == [("map", "odom"), ("odom", "base_link")]
+def see_options(ros: Ros, agent: RemoteAgent) -> None:
+    """Of the second bridge: frames in namespaces, another floor and resolution, and velocities with a stamp."""
+    ros.subscribe(topic="/map", type="nav_msgs/msg/OccupancyGrid", latched=True)
+    info = eventually(lambda: ros.last("/map"), PATIENCE_S, "map")["info"]
+    assert (info["origin"]["position"]["z"], info["resolution"]) == (4.0, pytest.approx(0.1))
+    if HAS_TF2:
+        ros.subscribe(topic="/A/tf", type="tf2_msgs/msg/TFMessage")
+        frames = [(each["header"]["frame_id"], each["child_frame_id"]) for each in ros.wait("/A/tf")["transforms"]]
+        assert frames[:2] == [("map", "odom"), ("odom", "base_link")]
 
-        def turns() -> bool:
-            twist = {"twist.angular.z": 0.2}
-            ros.publish(topic="/A/cmd_vel", type="geometry_msgs/msg/TwistStamped", message=twist)
-            return agents[0].state().actor.velocity[2] == pytest.approx(0.2, abs=0.01)
+    def turns() -> bool:
+        twist = {"twist.angular.z": 0.2}
+        ros.publish(topic="/A/cmd_vel", type="geometry_msgs/msg/TwistStamped", message=twist)
+        return bool(agent.state().actor.velocity[2] == pytest.approx(0.2, abs=0.01))
 
-        eventually(turns, PATIENCE_S, "turn")
+    eventually(turns, PATIENCE_S, "turn")

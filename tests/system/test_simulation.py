@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import os
-import struct
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,7 +20,6 @@ from robocorba.simulation.corba.announcer import TYPED_S
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
 from testkit.simulation import (
-    CHAIR,
     CROSS,
     NO_MOUNT,
     RADIUS_M,
@@ -31,9 +28,7 @@ from testkit.simulation import (
     error_lines,
     is_gone,
     simulation,
-    speed_of,
 )
-from tests.waits import pause
 
 pytestmark = pytest.mark.system
 
@@ -73,65 +68,10 @@ def state_of(place: Place) -> Any:
     return place.server._get_state()
 
 
-def test_robots_are_told_what_they_collide_with(place: Place) -> None:
-    a, b = pair(place)
-    before = state_of(place).collisions
-    assert (a.state().collisions, b.state().touched) == (0, "")
-    a.command(AHEAD, 5.0)
-    eventually(lambda: b.state().collisions)
-    assert (a.state().collisions, a.state().touched, b.state().touched) == (1, "b", "a")
-    assert state_of(place).collisions == before + 1
-    drive_to(a, HALL)
-    a.command(AHEAD, 5.0)
-    eventually(lambda: a.state().collisions == 2)
-    assert math.dist((a.state().at.x, HALL[1]), (b.state().at.x, b.state().at.y)) > 1.9 * RADIUS_M
-    c = place.log_on("c", 1.5, 9.0, math.pi)
-    c.command(AHEAD, 5.0)
-    eventually(lambda: c.state().collisions)
-    assert c.state().touched == ""  # a wall
-    table = place.body("L1", "cafe-table-1")
-    d = place.log_on("d", table["x"] - 1.2, table["y"])
-    d.command(AHEAD, 5.0)
-    eventually(lambda: place.body("L1", "cafe-table-1")["x"] > table["x"] + 0.3)
-    assert d.state().touched == "cafe-table-1"
-
-
 def test_the_threads_of_connections_share_a_core(place: Place) -> None:
     """As all threads that the server's first one starts."""
     assert len(os.sched_getaffinity(place.pid("simulation"))) == 1
     assert os.sched_getaffinity(place.pid("sensor_s1")) == os.sched_getaffinity(0)
-
-
-def test_a_place_a_name_and_a_slot_are_for_one_robot(place: Place) -> None:
-    a, b = pair(place)
-    at = a.state().at
-    with pytest.raises(RoboCorba.NameTaken) as taken:
-        place.log_on("a", 6.0, 14.0)
-    assert taken.value.name == "a"
-    with pytest.raises(RoboCorba.PlaceTaken) as refused:
-        place.log_on("c", at.x + 0.1, at.y)
-    assert (refused.value.by, refused.value.place.floor) == ("a", "L1")
-    place.administrator.setLimit(1)
-    assert (state_of(place).limit, state_of(place).robots, place.names) == (1, 2, {"a", "b"})
-    place.administrator.evict("a")
-    assert is_gone(a) and not is_gone(b)
-    with pytest.raises(RoboCorba.ServerFull) as full:
-        place.log_on("c", 6.0, 14.0)
-    assert (full.value.limit, full.value.now) == (1, 1)
-    assert 0.0 < full.value.retryAfter <= b._get_lease()
-
-
-def test_a_robot_that_logs_off_is_gone_at_once(place: Place) -> None:
-    before = place.log_on("a", *HALL)
-    before.deregister()
-    assert (place.names, state_of(place).robots, place.body("L1", "a")) == (set(), 0, None)
-    a = place.log_on("a", *HALL)
-    for call in (before.state, before.release, before.deregister, lambda: before.command(AHEAD, 5.0)):
-        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
-            call()
-    began = a.state().time
-    eventually(lambda: a.state().time > began + 0.5)
-    assert (a.state().at.x, speed_of(a.state())) == (HALL[0], 0.0)
 
 
 def test_nobody_can_guess_the_reference_of_a_session(place: Place) -> None:
@@ -189,81 +129,6 @@ def test_many_scans_in_one_call_are_those_of_single_calls(place: Place) -> None:
     assert len({tuple(single) for single in singles}) == len(poses)
     last = eventually(lambda: [scan for scan in place.database.lastScans("L3") if scan.robot == "a"])[0]
     assert (last.at.floor, len(last.seen.distances)) == ("L3", spec.rays)
-
-
-def test_a_viewer_reads_scans_postures_and_reservations_of_a_floor(place: Place) -> None:
-    (a, b), database = pair(place), place.database
-    sensor, at = a._get_sensor(), a.state().at
-    laser, ring, mount = sensor.laser(), sensor.proximity(RADIUS_M), RoboCorba.Mount(0.1, 0.0, 0.5)
-    begun = state_of(place).time
-
-    def found() -> Any:
-        for where, spec in ((NO_MOUNT, laser), (mount, ring)):
-            sensor.scan(at, where, spec)
-        return {len(scan.hits): scan for scan in database.scansSince("L1", begun) if scan.robot == "a"}
-
-    seen = eventually(lambda: len(scans := found()) == 2 and scans)
-    assert (seen[181].at.x, seen[181].where.heading, seen[181].spec.range) == (at.x, 0.0, laser.range)
-    assert (seen[8].where.heading, seen[8].spec.rim, seen[8].spec.range) == (0.5, RADIUS_M, ring.range)
-    for scan in seen.values():
-        assert list(scan.hits) == [distance < scan.spec.range for distance in scan.seen.distances]
-    assert seen[181].hits[90] == 1  # b is ahead
-    assert database.scansSince("L3", 0.0) == database.scansSince("L1", seen[181].seen.time + 1e4) == []
-    b.reportPosture([0.25, -1.0])
-    (posture,) = [posture for posture in database.postures("L1", begun) if posture.robot == "b"]
-    assert posture.joints == [0.25, -1.0]
-    area = RoboCorba.FloorArea("L1", [RoboCorba.XY(*corner) for corner in ((4.0, 10.0), (6.0, 10.0), (6.0, 11.0))])
-    b.reserveAreas([area], 60.0)
-    (record,) = database.reservations()
-    assert (record.robot, record.areas[0].onFloor, record.state.phase) == ("b", "L1", RoboCorba.AREAS_GRANTED)
-    place.let_go()
-    assert database.postures("L1", 0.0) == database.scansSince("L1", 0.0) == database.reservations() == []
-    with pytest.raises(RoboCorba.UnknownFloor):
-        database.scansSince("L9", 0.0)
-
-
-def test_the_administrator_places_robots_and_objects(place: Place) -> None:
-    a, b = pair(place)
-    a.command(AHEAD, 5.0)
-    place.administrator.place("a", RoboCorba.Pose("L3", *HALL, 1.0))
-    at = a.state().at
-    assert (at.floor, at.x, at.y, at.heading) == ("L3", *HALL, pytest.approx(1.0))
-    eventually(lambda: speed_of(a.state()) == 0.0)
-    with pytest.raises(RoboCorba.PlaceTaken):
-        place.administrator.place("a", b.state().at)
-    before = place.body("L1", CHAIR)
-    place.administrator.place(CHAIR, RoboCorba.Pose("L1", *HALL, 0.0))
-    moved = place.body("L1", CHAIR)
-    assert (moved["x"], moved["y"]) == HALL
-    place.administrator.place(CHAIR, RoboCorba.Pose("L1", *(float(before[each]) for each in ("x", "y", "heading"))))
-
-
-def test_time_stands_is_counted_in_steps_and_goes_on_at_any_pace(place: Place) -> None:
-    a, administrator = place.log_on("a", *HALL), place.administrator
-    eventually(lambda: passed(place, 0.4) == pytest.approx(0.4 * PACE, rel=0.3), what="the pace")
-    administrator.pause()
-    began = state_of(place)
-    a.command(AHEAD, 1.0)
-    assert began.paused
-    administrator.step(25)
-    assert state_of(place).time == pytest.approx(began.time + 0.5)
-    assert (a.state().time, a.state().moving.ahead) == (state_of(place).time, pytest.approx(1.0))
-    administrator.resume()
-    administrator.setPace(0.01)  # a step in 2 s
-    assert passed(place, 0.2) <= 0.02 + 1e-9
-    administrator.setPace(1.0)
-    eventually(lambda: passed(place, 0.2) > 0.05)
-    administrator.setPace(0.0)
-    eventually(lambda: passed(place, 0.4) > 0.4 * 1.5)  # far more, unless others want the machine as well
-    assert (state_of(place).pace, state_of(place).paused) == (0.0, False)
-
-
-def passed(place: Place, seconds: float) -> float:
-    """Simulated seconds in this number of real ones."""
-    began, before = time.monotonic(), state_of(place).time
-    pause(seconds)
-    after = state_of(place).time
-    return float(after - before) * seconds / (time.monotonic() - began)
 
 
 def test_what_changes_is_told_on_the_event_channel(place: Place) -> None:
@@ -342,28 +207,3 @@ def test_an_edit_of_the_map_stands_in_the_way(place: Place) -> None:
     eventually(lambda: state_of(place).mapVersion == version)
     a.command(AHEAD, 5.0)
     eventually(lambda: a.state().at.x > x + far, what="the way is free again")
-
-
-def test_a_floor_is_drawn_as_wide_as_it_is_wanted(place: Place) -> None:
-    pair(place)
-    for floor, width in (("L1", 640), ("L5", 200), ("L1", 4096)):
-        png = bytes(place.server.renderFloor(floor, width))
-        assert (png[:8], struct.unpack(">I", png[16:20])) == (b"\x89PNG\r\n\x1a\n", (width,))
-    for floor, width, error in (("L9", 640, RoboCorba.UnknownFloor), ("L1", 4097, RoboCorba.InvalidPicture)):
-        with pytest.raises(error):
-            place.server.renderFloor(floor, width)
-
-
-def test_missions_are_kept_by_version(place: Place) -> None:
-    database, record = place.database, RoboCorba.MissionRecord
-    assert database.putMission(record("fetch", 0, b"one")) == 1
-    assert database.putMission(record("fetch", 1, b"two")) == 2
-    with pytest.raises(RoboCorba.StaleMission) as refused:
-        database.putMission(record("fetch", 1, b"three"))
-    assert (refused.value.expected, refused.value.current) == (1, 2)
-    found = [(mission.name, mission.current, bytes(mission.document)) for mission in database.missions()]
-    assert found == [("fetch", 2, b"two")]
-    database.removeMission("fetch")
-    assert database.missions() == []
-    with pytest.raises(RoboCorba.UnknownMission):
-        database.removeMission("fetch")

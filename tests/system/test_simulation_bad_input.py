@@ -4,48 +4,32 @@ simulation that goes on as it was."""
 from __future__ import annotations
 
 import contextlib
-import functools
-import itertools
 import math
 import time
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import psutil
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from omniORB import CORBA
 
 from robocorba.stubs import RoboCorba
 from robocorba.system.settings import Address
 from testkit.attacks import connections, greedy_clients, stalled_connections
 from testkit.processes import eventually
-from testkit.simulation import CROSS, NO_MOUNT, NO_NOISE, STAND, Place, about, error_lines, simulation
+from testkit.simulation import CROSS, NO_MOUNT, NO_NOISE, Place, about, error_lines, simulation
 from tests.system.refusals import refused
-from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
 #: What servers may grow by over all of this module, MiB. Single messages of it have up to 40 MB.
 GROWTH_MIB = 200
-#: The fixtures are of the module, so they are the same for all examples of a test.
-MANY = settings(max_examples=60, deadline=None, suppress_health_check=list(HealthCheck))
-#: Robots that want to log on and may not, before the crowd goes, and how long it tries at most [s].
-CROWD, CROWD_LIMIT_S = 2_000, 200.0
-#: Time limit of each of their calls [s]; its usual time is measured in bench/.
-ANSWER_S = 20.0
 #: No text of an answer is longer, whatever was asked.
 MAX_TEXT = 1000
 SERVERS = ("simulation", "sensor_s1")
 
 
 LONG = "x" * 1_000_000
-numbers = st.one_of(
-    st.sampled_from([math.nan, math.inf, -math.inf, 1.7e308, -1.7e308, 5e-324, 1e7, -1.0, 0.0]), st.floats()
-)
-velocities = st.builds(RoboCorba.Velocity, numbers, numbers, numbers)
 
 
 @pytest.fixture(scope="module")
@@ -83,26 +67,6 @@ def sensor(place: Place) -> Any:
     return place.orb.resolve("VirtualSensors/s1", RoboCorba.VirtualSensor)
 
 
-# ---- robots ----
-
-
-@given(velocities, numbers)
-@MANY
-def test_no_command_takes_a_robot_out_of_the_world(place: Place, wanted: Any, valid_s: float) -> None:
-    with robot(place, "fast") as fast:
-        is_velocity = math.isfinite(wanted.ahead + wanted.left + wanted.turn)
-        if is_velocity and 0.0 <= valid_s <= 5.0:
-            fast.command(wanted, valid_s)
-        else:
-            refused(RoboCorba.InvalidCommand, fast.command, wanted, valid_s)
-        fast.command(wanted if is_velocity else STAND, 5.0)
-        began = fast.state().time
-        eventually(lambda: fast.state().time > began + 0.02, what="two steps")
-        state = fast.state()
-        found = (state.at.x, state.at.y, state.at.heading, state.moving.ahead, state.moving.left, state.moving.turn)
-        assert all(map(math.isfinite, found)), state
-
-
 @contextlib.contextmanager
 def robot(place: Place, name: str) -> Iterator[Any]:
     """The fastest robot that there may be, in the west hall."""
@@ -113,54 +77,6 @@ def robot(place: Place, name: str) -> Iterator[Any]:
 
 
 SQUARE = [RoboCorba.XY(2.0, 11.0), RoboCorba.XY(3.0, 11.0), RoboCorba.XY(3.0, 12.0), RoboCorba.XY(2.0, 12.0)]
-
-
-def test_reservations_of_any_size_are_refused_soon(place: Place) -> None:
-    area = functools.partial(RoboCorba.FloorArea, "L1")
-    with robot(place, "owner") as owner:
-        for areas in ([area(SQUARE)] * 33, [area(SQUARE)] * 5_000, [area(SQUARE * 129)], [area(SQUARE * 5_000)]):
-            began = time.monotonic()
-            assert refused(RoboCorba.InvalidReservation, owner.reserveAreas, areas, 5.0).field == "areas"
-            assert time.monotonic() - began < 10.0
-        assert owner.reservation().phase == RoboCorba.NO_RESERVATION
-
-
-def test_a_crowd_that_wants_to_log_on_is_turned_away(place: Place) -> None:
-    limit = place.server._get_state().limit
-    turned_away: list[RoboCorba.ServerFull] = []
-    field = RoboCorba.Floor("field", 99, 99.0, 3.0, [])  # without an outline
-    created = place.editor.create("", RoboCorba.Element(aFloor=field))
-    eventually(lambda: "field" in place.database.floors(), what="the new floor")
-    numbers, until = itertools.count(), time.monotonic() + CROWD_LIMIT_S
-
-    def want() -> float:
-        """The longest time of a call [s]."""
-        longest_s = 0.0
-        while len(turned_away) < CROWD and time.monotonic() < until:
-            number, began = next(numbers), time.monotonic()
-            try:
-                place.log_on(f"crowd-{number}", 1.0 * (number % 100), 1.0 * (number // 100 % 100), floor="field")
-            except RoboCorba.ServerFull as full:
-                turned_away.append(full)
-            longest_s = max(longest_s, time.monotonic() - began)
-        return longest_s
-
-    most = 0
-    with ThreadPoolExecutor() as pool:
-        crowd = [pool.submit(want) for _ in range(4)]
-        while not all(one.done() for one in crowd):
-            most = max(most, place.server._get_state().robots)
-            pause(0.05)
-    assert most <= limit and len(turned_away) >= CROWD
-    assert all(one.limit == one.now == limit and one.retryAfter <= 2.0 for one in turned_away)
-    assert max(one.result() for one in crowd) < ANSWER_S
-    place.let_go()
-    assert place.server._get_state().robots == 0
-    place.editor.remove(RoboCorba.ElementId(RoboCorba.FLOOR_ELEMENT, "", "field"), created)
-    eventually(lambda: "field" not in place.database.floors(), what="the floor is gone")
-
-
-# ---- sensors ----
 
 
 def test_a_million_rays_are_the_most_at_once(sensor: Any) -> None:
@@ -177,38 +93,6 @@ def test_a_million_rays_are_the_most_at_once(sensor: Any) -> None:
     refused(RoboCorba.UnknownFloor, sensor.scanMany, unknown, NO_MOUNT, CROSS)
     lost = RoboCorba.ScanSpec(0.0, 0.1, 60, 30.0, 0.0, RoboCorba.ScanNoise(0.0, 0.0, 1.1, 0))
     assert refused(RoboCorba.InvalidScan, sensor.scan, most[0], NO_MOUNT, lost).field == "lost"
-
-
-def test_sensors_of_robots_that_nobody_knows_cost_nothing(place: Place, sensor: Any) -> None:
-    process = psutil.Process(place.pid("sensor_s1"))
-    before = process.memory_info().rss
-    for number in range(100):
-        for name in ("", LONG, f"two\nlines{number}", f"../a{number}"):
-            with contextlib.suppress(CORBA.BAD_PARAM):
-                sensor.forRobot(name)
-            sensor.dismiss(name)
-    assert process.memory_info().rss - before < 20 * 2**20
-
-
-# ---- the building ----
-
-
-def test_missions_that_are_kept_can_be_read(place: Place) -> None:
-    """A message has 64 MiB at most."""
-    kept = []
-    try:
-        for number in range(70):
-            try:
-                place.database.putMission(RoboCorba.MissionRecord(f"m{number}", 0, bytes(2**20)))
-            except RoboCorba.InvalidMission as full:
-                assert full.reason
-                break
-            kept.append(f"m{number}")
-        assert sorted(mission.name for mission in place.database.missions()) == sorted(kept)
-    finally:
-        for name in kept:
-            place.database.removeMission(name)
-    assert len(kept) > 10
 
 
 def test_no_answer_repeats_a_text_that_is_too_long(place: Place) -> None:
@@ -306,25 +190,3 @@ def test_greedy_clients_harm_nobody(place: Place, wanted: str, clients: int) -> 
     """Each of their plans takes up to a second, each of their calls for scans is for a million rays."""
     with greedy_clients(place.launch, place.running.naming, wanted, clients):
         check_a_robot_and_a_client(place)
-
-
-# ---- an administrator: last, because who loses time loses all ----
-
-
-def test_no_setting_is_out_of_range_and_time_goes_on_after_any_pace(place: Place) -> None:
-    for call, field, values in (
-        (place.administrator.setLimit, "robots", (10_001, 2**32 - 1)),
-        (place.administrator.step, "steps", (0, 2**32 - 1)),
-        (place.administrator.setPace, "pace", (math.nan, math.inf, -math.inf, -1.0, -5e-324, 1000.1, 1.7e308)),
-    ):
-        for value in values:
-            assert refused(RoboCorba.InvalidSetting, call, value).field == field
-    state = place.server._get_state()
-    assert (state.limit, state.pace, state.paused) == (300, 1.0, False)
-    for pace in (1000.0, 0.0, 0.5, 1e-3, 1e-300, 5e-324):
-        place.administrator.setPace(pace)
-        pause(0.05)  # a step at the least
-        assert place.server._get_state().pace == pace
-        place.administrator.setPace(1.0)
-        began = place.server._get_state().time
-        eventually(lambda: place.server._get_state().time > began, 30.0, f"time passes after a pace of {pace}")  # noqa: B023

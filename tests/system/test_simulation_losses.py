@@ -1,63 +1,47 @@
-"""What robots have from the simulation, areas, cabins, data pools, sessions, and what is left of it when processes are
-killed: the simulation server, sensor servers, robots."""
+"""Data pools and sessions of robots, and what is left of them when processes are killed: the simulation server, sensor
+servers, robots."""
 
 from __future__ import annotations
 
 import contextlib
-import math
 import os
 import signal
 from collections.abc import Iterator
-from typing import Any
+from pathlib import Path
+from typing import NamedTuple
 
-import msgspec
 import pytest
 from omniORB import CORBA
 
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.robots import UnknownPlan
-from robocorba.errors.services import NotReachable
-from robocorba.events.corba.event_client import Event, EventClient
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.model import Wall
-from robocorba.map_editor.polygons import FloorArea
-from robocorba.robot.corba.remote_data_pool import PoolFollower, RemotePool
+from robocorba.robot.corba.remote_data_pool import PoolFollower
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.simulation.registry import LEASE_S
 from robocorba.simulation.sensor_admission import proof_of, read_token
 from robocorba.stubs import RoboCorba
-from testkit.processes import ROBOCORBA, eventually
+from testkit.processes import eventually
 from testkit.simulation import (
     BACK_LIMIT_S,
-    CHAIR,
-    CLIENT,
     GONE,
     Chaos,
     ClientProcess,
     Place,
     RemoteFloor,
-    about,
     away,
     drive_to,
     error_lines,
-    landing,
     simulation,
 )
-from tests.system.state_files import state_files
-from tests.waits import outlast, stays
+from tests.waits import outlast
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
-#: In the west hall of L1: two passages and what lies between, which overlap one after the other.
-WEST: FloorArea = ("L1", ((1.0, 10.0), (4.0, 10.0), (4.0, 12.0), (1.0, 12.0)))
-EAST: FloorArea = ("L1", ((5.0, 10.0), (7.0, 10.0), (7.0, 12.0), (5.0, 12.0)))
-BOTH: FloorArea = ("L1", ((3.0, 10.5), (6.0, 10.5), (6.0, 11.5), (3.0, 11.5)))
-LIMIT_S = 300.0
-ROUNDS = 3
+ROUNDS = 2
 #: Five times what the bench allows [s]: a machine that is busy with other tests writes later.
 BUSY_LOST_S = 1.0
 HALL = (2.0, 12.0)
-GRANTED, WAITING = RoboCorba.AREAS_GRANTED, RoboCorba.WAITING_FOR_AREAS
 
 
 @pytest.fixture(scope="module")
@@ -72,110 +56,6 @@ def place(whole: Place) -> Iterator[Place]:
     yield whole
     whole.let_go()
     whole.administrator.setPace(1.0)
-
-
-def struct(area: FloorArea) -> Any:
-    floor, polygon = area
-    return RoboCorba.FloorArea(floor, [RoboCorba.XY(*corner) for corner in polygon])
-
-
-def three_robots(place: Place) -> list[Any]:
-    """Robots in none of the areas."""
-    return [place.log_on(name, x, 14.5) for name, x in (("first", 2.0), ("second", 4.0), ("third", 6.0))]
-
-
-def phases(*sessions: Any) -> list[Any]:
-    return [session.reservation().phase for session in sessions]
-
-
-# ---- areas and cabins ----
-
-
-def test_a_robot_whose_process_was_killed_frees_its_areas(place: Place) -> None:
-    process = place.launch(*CLIENT, str(place.running.naming))
-    assert process.stdin is not None and process.stdout is not None
-    rows, areas = (msgspec.json.encode(value).decode() for value in ([("doomed", "L1", 2.0, 14.5)], [WEST]))
-    for order, answer in ((rows, "ready"), (f"reserve {areas}", "reserved")):
-        process.stdin.write(f"{order}\n")
-        process.stdin.flush()
-        assert process.stdout.readline() == f"{answer}\n"
-    waiter = place.log_on("waiter", 4.0, 14.5)
-    waiter.reserveAreas([struct(BOTH)], LIMIT_S)
-    stays(lambda: phases(waiter) == [WAITING], 1.0)  # the other one lives
-    process.kill()
-    eventually(lambda: phases(waiter) == [GRANTED], what="the areas of the dead robot are free")
-
-
-def test_one_of_several_passages_is_reserved(place: Place) -> None:
-    robots = three_robots(place)
-    alternatives = [[struct(WEST)], [struct(EAST)]]
-    assert [robot.reserveOneOf(alternatives, LIMIT_S) for robot in robots] == [0, 1, 0]
-    assert phases(*robots) == [GRANTED, GRANTED, WAITING]
-    waiting = robots[2].reservation()
-    assert (waiting.ahead, 0.0 < waiting.longestWait <= LIMIT_S) == (1, True)
-    assert 0.0 < robots[0].reservation().left <= LIMIT_S
-    robots[1].releaseAreas()
-    with pytest.raises(RoboCorba.InvalidReservation) as refused:
-        robots[1].takeOverAreas("first")  # it is there
-    assert refused.value.field == "former"
-    assert robots[0].exchangeAreas([struct(EAST)], 1.0)  # and WEST is free for the third one
-    assert phases(robots[2]) == [GRANTED]
-    assert not robots[0].exchangeAreas([struct(BOTH)], 1.0)
-    assert phases(robots[0]) == [GRANTED]
-
-
-def test_another_robot_takes_over_what_a_silent_one_with_an_object_has_reserved(place: Place) -> None:
-    chair = place.body("L1", CHAIR)
-    x, y = chair["x"], chair["y"]
-    silent = place.server.registerRobot(about("silent", x, y + 0.7))  # it never calls again
-    silent.reserveAreas([struct(WEST), struct(EAST)], LIMIT_S)
-    silent.grip(CHAIR, RoboCorba.XY(x, y + 0.25))
-    waiter, successor = place.log_on("waiter", 2.0, 14.5), place.log_on("successor", 4.0, 14.5)
-    waiter.reserveAreas([struct(EAST)], LIMIT_S)
-
-    def is_taken_over() -> bool:
-        with contextlib.suppress(RoboCorba.InvalidReservation):
-            successor.takeOverAreas("silent")
-            return True
-        return False
-
-    eventually(is_taken_over, what="the silent robot is logged off")
-    assert "silent" not in place.names
-    assert phases(successor, waiter) == [GRANTED, WAITING]
-    successor.keepAreas([struct(WEST)])
-    assert phases(successor, waiter) == [GRANTED, GRANTED]
-
-
-def test_a_robot_rides_to_another_floor(place: Place) -> None:
-    boardings: list[Event] = []
-    elevator = place.elevator()
-    origin, destination = elevator.floors()[:2]
-    with EventClient(place.orb, "main") as client:
-        client.subscribe(boardings.append, "simulation.boarding")
-        robot = place.log_on("rider", *landing(elevator, origin, 0.8), floor=origin)
-        with pytest.raises(RoboCorba.InvalidRide) as refused:
-            robot.callElevatorTogether(elevator.name, destination, "table", 999)
-        assert refused.value.field == "partySize"
-        robot.callElevator(elevator.name, destination)
-        robot.giveUpElevator()
-        assert robot.state().riding.phase == RoboCorba.NO_RIDE
-        robot.callElevator(elevator.name, destination)
-        called, announced_s = robot.state().riding, robot.longestElevatorWait()
-        assert (called.elevator, called.origin, called.destination) == (elevator.name, origin, destination)
-        eventually(lambda: boardings, 60.0, "the event")
-    (payload,) = [event.payload for event in boardings]
-    assert (payload["floor"], payload["who"]) == (origin, ["rider"])
-    assert 0.0 < payload["waited_s"] <= payload["longest_wait_s"]
-    assert 0.0 < announced_s <= payload["longest_wait_s"]  # asked a moment later
-    place.administrator.setPace(5.0)
-    drive_to(robot, elevator.at)
-    eventually(lambda: robot.state().riding.phase == RoboCorba.RIDING)
-    assert ["rider"] in [cabin.riders for cabin in place.database.elevators()]
-    eventually(lambda: robot.state().riding.phase == RoboCorba.ALIGHTING)
-    assert place.body(origin, "rider") is None and place.body(destination, "rider") is not None
-    drive_to(robot, landing(elevator, destination, 0.8))
-    eventually(lambda: robot.state().riding.phase == RoboCorba.NO_RIDE)
-    assert (robot.state().at.floor, robot.state().collisions) == (destination, 0)
 
 
 # ---- data pools ----
@@ -231,33 +111,6 @@ def test_pools_follow_their_floor_and_survive_a_kill_of_the_simulation_server(pl
             pool.change_floor("L9")
 
 
-def test_the_pool_of_another_process_is_read_over_corba(place: Place) -> None:
-    below = place.log_on("below", *HALL)
-    below.reportPosture([0.5, -0.5])
-    where = ("--floor", "L1", "--at", "4,14.5", "--naming", str(place.running.naming))
-    robot = place.launch(ROBOCORBA, "robot", "leader", *where, "--state", str(place.launch.folder / "robot"))
-    assert robot.stdout is not None and robot.stdout.readline() == "ready\n"
-    pool = RemotePool(place.orb, "leader", 20.0)
-    eventually(lambda: pool.lag_s < math.inf, what="it knows its floor")
-    whole = pool.content()
-    assert (pool.floor, whole.floor, whole.since) == ("L1", "L1", 0)
-    assert {"below", "leader"} <= {body.name for body in whole.came}
-    assert (0.5, -0.5) in [posture.joints for posture in pool.postures(0.0)]
-    below.command(RoboCorba.Velocity(0.5, 0.0, 0.0), 1.0)
-    moved = eventually(lambda: len((update := pool.changes(whole.version)).motions) and update)
-    assert (moved.since, moved.came) == (whole.version, [])
-    assert pool.plans() == []
-    with pytest.raises(UnknownPlan, match="fetch"):
-        pool.plan("fetch")
-    robot.kill()
-    robot.wait()
-    for ask in (pool.content, pool.plans, lambda: pool.lag_s):
-        with pytest.raises(NotReachable, match="leader"):
-            ask()
-    with pytest.raises(NotReachable):
-        RemotePool(place.orb, "nobody", 0.2)
-
-
 # ---- sessions ----
 
 
@@ -268,6 +121,24 @@ def test_who_is_killed_makes_room_and_nobody_else_loses_anything(place: Place) -
             outcome = chaos.round()
             assert outcome.is_right, outcome
     assert {process.state for process in place.running.record().processes} == {"running"}
+
+
+class StateFile(NamedTuple):
+    """content: empty for a folder. mode: the permissions."""
+
+    path: Path
+    content: bytes
+    mode: int
+
+
+def state_files(folder: Path) -> list[StateFile]:
+    """Of the state folder of a running system, and of all that is in it; without what has gone since it was listed."""
+    found = []
+    for path in (folder, *folder.rglob("*")):
+        with contextlib.suppress(FileNotFoundError):
+            content = path.read_bytes() if path.is_file() else b""
+            found.append(StateFile(path, content, path.stat().st_mode & 0o777))
+    return found
 
 
 def test_a_robot_whose_floor_went_and_that_logged_on_elsewhere_outlives_the_server(place: Place) -> None:

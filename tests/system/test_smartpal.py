@@ -161,11 +161,11 @@ FAULTS: dict[str, tuple[Callable[[Any, str], None], str]] = {
     "stuck": (lambda faults, unit: faults.stuck(unit, True), "does not follow its servo"),
     "switch": (lambda faults, unit: faults.emergencySwitch(True), "emergency switch"),
 }
-FAILING = ["alarm Mobility", "alarm MnpR", "alarm GripperL", "alarm Lumbar", "stuck Mobility", "stuck MnpL"]
-LOST = ["lost Mobility", "lost MnpL", "lost GripperR", "lost Lumbar"]
 
 
-@pytest.mark.parametrize("case", [*FAILING, "switch", *LOST])
+@pytest.mark.parametrize(
+    "case", ["alarm Mobility", "alarm GripperL", "stuck MnpL", "switch", "lost Mobility", "lost Lumbar"]
+)
 def test_a_unit_that_fails(place: StandIn, adaptor: SmartPalAdaptor, case: str) -> None:
     fault, _, unit = case.partition(" ")
     happens, why = FAULTS[fault]
@@ -188,11 +188,6 @@ def test_a_unit_that_fails(place: StandIn, adaptor: SmartPalAdaptor, case: str) 
         eventually(lambda: stands(place), PATIENCE_S, "that it stands")
     assert adaptor.start(["--naming", str(place.naming)])
     jog(adaptor)
-
-
-def test_a_slow_network_is_driven_through(place: StandIn, adaptor: SmartPalAdaptor) -> None:
-    place.faults.slowNetwork(0.004)
-    drive_to(adaptor, 2.1, 1.0, 0.5, np.zeros(len(JOINTS)))
 
 
 def run_until_it_fails(adaptor: SmartPalAdaptor) -> None:

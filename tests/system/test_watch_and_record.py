@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import pty
 import signal
@@ -20,10 +19,7 @@ from mcap.records import Channel, Message
 from mcap.stream_reader import StreamReader
 from omniORB import CORBA
 
-from robocorba.commands.simulation_tables import RunningSimulation
-from robocorba.commands.watch import Camera
-from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.simulation import InvalidPicture, InvalidRecording
+from robocorba.errors.simulation import InvalidRecording
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.model import Wall
 from robocorba.map_editor.spatial.floor_update import WHOLE
@@ -86,21 +82,6 @@ def updates_in(path: Path) -> int:
         return Recording(path).count
     except InvalidRecording:
         return 0
-
-
-def test_what_there_is_now(robocorba: Robocorba, system_orb: Orb) -> None:
-    rows = [line.split("\t") for line in done(robocorba("watch", "--once")).splitlines()]
-    assert [row[:3] for row in rows if row[0] == "robot"] == [["robot", "A", "L1"], ["robot", "B", "L2"]]
-    assert [row[:5] for row in rows if row[0] == "elevator"] == [["elevator", "E1", "L1", "0.00", "closed"]]
-    assert [row[1] for row in rows if row[0] == "server"] == ["2"]
-    assert [row[1] for row in rows if row[0] == "sensor"] == ["s1"]
-    assert json.loads(done(robocorba("watch", "--json")))["server"]["time"] > 0.0
-    with pytest.raises(UnknownFloor, match="L9"):
-        RunningSimulation(system_orb, ["L9"]).read()
-    with pytest.raises(UnknownFloor, match="L9"):
-        Camera(system_orb, ["L9"], 300).png()
-    with pytest.raises(InvalidPicture, match="width"):
-        Camera(system_orb, [], 1).png()
 
 
 def test_it_is_live_on_a_terminal(system: Running) -> None:
