@@ -15,7 +15,6 @@ pytestmark = pytest.mark.full
 EXAMPLES = {
     "events.test_federation_machine:FederationMachine": 300,
     "map_editor.test_proposals:ProposalMachine": 300,
-    "missions.test_succession_of_leaders:Succession": 800,
     "robot.test_alone:SharedStops": 1000,
     "robot.test_emergency_stop:Stops": 300,
     "robot.test_program_runs:Runs": 80,
