@@ -15,9 +15,13 @@ pytestmark = pytest.mark.full
 EXAMPLES = {
     "events.test_federation_machine:FederationMachine": 300,
     "map_editor.test_proposals:ProposalMachine": 300,
+    "missions.test_carry_agreement:Carry": 400,
+    "missions.test_missions_under_faults:Missions": 50,
+    "missions.test_succession_of_leaders:Succession": 800,
     "robot.test_alone:SharedStops": 1000,
     "robot.test_emergency_stop:Stops": 300,
     "robot.test_program_runs:Runs": 80,
+    "robot.test_uploads:Life": 80,
     "simulation.test_log_on:LogOn": 200,
     "simulation.test_map_edits:MapEdits": 150,
     "simulation.test_traffic:Traffic": 150,

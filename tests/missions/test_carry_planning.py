@@ -108,7 +108,7 @@ def rooms(draw: st.DrawFn) -> Building:
 places = st.tuples(st.just("L1"), st.floats(1.0, 8.0), st.floats(1.0, 6.0), st.floats(-4.0, 4.0))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(rooms(), places, places, st.integers(2, 3), st.sampled_from((BOX, TABLE)))
 def test_carriers_and_object_touch_nothing(
     building: Building,

@@ -129,7 +129,7 @@ def test_two_robots_hand_a_sheet_over(tmp_path: Path) -> None:
     apart, touching = list[float](), list[list[tuple[str, str]]]()
 
     def look(crew: Crew) -> None:
-        while not ended.wait(0.05):
+        while not ended.wait(0.2):
             giver, taker = (crew.agents[name].state.actor for name in ("A", "B"))
             touching.extend(found for each in (giver, taker) if (found := kinematics.body.collisions(each.joints)))
             both = ((giver, GIVING), (taker, TAKING))

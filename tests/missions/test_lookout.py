@@ -229,7 +229,7 @@ def test_doors_are_kept_free() -> None:
     half_m=st.floats(0.3, 2.0),
     others=st.lists(st.tuples(st.floats(0.5, 11.5), st.floats(0.5, 7.5)), max_size=6),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_places_are_free_and_outside_the_way(
     x: float, y: float, turn: float, half_m: float, others: list[tuple[float, float]]
 ) -> None:

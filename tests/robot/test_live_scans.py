@@ -223,7 +223,7 @@ class Kinds(RuleBasedStateMachine):
 
 @pytest.mark.usefixtures("patient")
 class TestKinds(Kinds.TestCase):  # type: ignore[name-defined,misc]
-    settings = settings(max_examples=60, stateful_step_count=25, deadline=None)
+    settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
 
 
 ROOM = shapely.box(0.0, 0.0, 8.0, 6.0).exterior
@@ -244,7 +244,7 @@ def distances(shapes: Sequence[Any], at: tuple[float, float, float], spec: ScanS
     st.booleans(),
     st.integers(0, 1000),
 )
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_ray_is_marked_where_it_ends_before_all_that_is_known(
     fan: Fan,
     at: tuple[float, float, float],

@@ -188,16 +188,16 @@ def gap_m(lines: Lines, at: tuple[float, float]) -> float:
     return float(np.hypot(*(begin + share[:, None] * along).T).min()) - RADIUS_M
 
 
-SQUARES = st.builds(square, st.floats(-4, 4), st.floats(-4, 4), st.floats(0.1, 1.5), st.floats(0, 1.57))
+SQUARES = st.builds(square, st.floats(-2.5, 2.5), st.floats(-2.5, 2.5), st.floats(0.1, 1.5), st.floats(0, 1.57))
 WALLS = st.builds(
     lambda x, y, angle: np.array([[(x - 9 * math.cos(angle), y - 9 * math.sin(angle)), (x, y)]]),
-    *(st.floats(-4, 4), st.floats(-4, 4), st.floats(0, 6.28)),
+    *(st.floats(-2.5, 2.5), st.floats(-2.5, 2.5), st.floats(0, 6.28)),
 )
 WORLDS = st.lists(SQUARES | WALLS, min_size=1, max_size=6).map(np.concatenate)
 LATE = st.builds(Lateness, st.floats(0.0, 0.3), st.floats(0.0, 0.1), st.booleans())
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=15)
 @given(WORLDS, LATE, st.floats(0.05, 1.0), st.floats(-3.14, 3.14), st.floats(-1.0, 1.0), st.floats(0.0, 6.28))
 def test_a_base_stands_before_what_is_in_its_way(
     lines: Lines, late: Lateness, speed: float, bearing: float, turn: float, heading: float
@@ -215,8 +215,8 @@ def test_a_base_stands_before_what_is_in_its_way(
         assert distance_m > BESIDE_M - BETWEEN_RAYS_M
 
 
-@settings(deadline=None, max_examples=30)
-@given(SQUARES, LATE, st.floats(0.1, 1.0), st.floats(-0.35, 0.35))
+@settings(deadline=None, max_examples=15)
+@given(SQUARES, LATE, st.floats(0.2, 1.0), st.floats(-0.35, 0.35))
 def test_it_stands_at_least_five_centimetres_before_a_thing_ahead(
     thing: Lines, late: Lateness, speed: float, share: float
 ) -> None:
@@ -235,8 +235,8 @@ def test_it_stands_at_least_five_centimetres_before_a_thing_ahead(
     assert distance_m < MARGIN_M + 0.04
 
 
-@settings(deadline=None, max_examples=20)
-@given(WORLDS, LATE, st.floats(-4, 4), st.floats(-4, 4), st.floats(0.1, 1.0))
+@settings(deadline=None, max_examples=10)
+@given(WORLDS, LATE, st.floats(-2.5, 2.5), st.floats(-2.5, 2.5), st.floats(0.2, 1.0))
 def test_it_reaches_what_is_free(lines: Lines, late: Lateness, x: float, y: float, speed: float) -> None:
     steps = np.linspace((0.0, 0.0), (x, y), 100)
     assume(min(gap_m(lines, (a, b)) for a, b in steps.tolist()) > MARGIN_M + 0.03)

@@ -185,7 +185,7 @@ def plain(report: RunReport) -> Run:
 
 
 TestLife = Life.TestCase
-TestLife.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
+TestLife.settings = settings(max_examples=12, stateful_step_count=20, deadline=None)
 
 
 def test_pages_limits_and_other_files(tmp_path: Path) -> None:

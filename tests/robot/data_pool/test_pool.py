@@ -351,7 +351,7 @@ acts = st.lists(
 )
 
 
-@hypothesis.settings(max_examples=80, deadline=None)
+@hypothesis.settings(max_examples=35, deadline=None)
 @hypothesis.given(acts)
 def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str, int]]) -> None:
     place = Place()

@@ -30,7 +30,7 @@ READY = at()
 READY[ARM[Side.LEFT]] = READY[ARM[Side.RIGHT]] = POSTURES["ready"]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(SIDES, SEEDS)
 def test_where_a_hand_can_be_it_gets_also_without_an_attitude(side: Side, seed: int) -> None:
     truth = HOME.copy()
@@ -49,7 +49,7 @@ def test_where_a_hand_can_be_it_gets_also_without_an_attitude(side: Side, seed: 
 def test_nearly_all_poses_of_clear_postures_are_reached_clear() -> None:
     for side in Side:
         solved = asked = 0
-        for joints in anywhere(200, 11):
+        for joints in anywhere(70, 11):
             truth = HOME.copy()
             truth[ARM[side]] = joints[ARM[side]]
             if BODY.collisions(truth):
@@ -62,7 +62,7 @@ def test_nearly_all_poses_of_clear_postures_are_reached_clear() -> None:
             assert is_at(side, found, BODY.hand(side, truth))
             assert BODY.collisions(found) == []
             solved += 1
-        assert asked > 150
+        assert asked > 50
         assert solved >= 0.99 * asked
 
 

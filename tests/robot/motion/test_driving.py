@@ -55,7 +55,7 @@ class Base:
 POINTS = st.tuples(st.floats(-8, 8), st.floats(-8, 8))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(deadline=None, max_examples=12)
 @given(st.lists(POINTS, min_size=1, max_size=5), st.floats(-7, 7), st.floats(0.1, 1.0))
 def test_a_drive_ends_exactly_at_its_goal(points: list[tuple[float, float]], heading: float, speed: float) -> None:
     base = Base()
