@@ -17,7 +17,6 @@ EXAMPLES = {
     "map_editor.test_proposals:ProposalMachine": 300,
     "missions.test_carry_agreement:Carry": 400,
     "missions.test_missions_under_faults:Missions": 50,
-    "missions.test_succession_of_leaders:Succession": 800,
     "robot.test_alone:SharedStops": 1000,
     "robot.test_emergency_stop:Stops": 300,
     "robot.test_program_runs:Runs": 80,

@@ -266,13 +266,10 @@ def test_it_passes_a_doorway(gap: float) -> None:
     assert world.track[-1][1] == pytest.approx(2.0, abs=0.01)
 
 
-def test_a_goal_at_the_margin_before_a_wall_is_reached() -> None:
+def test_a_goal_at_the_margin_before_a_wall_is_reached_and_it_turns_beside_anything() -> None:
     world = World(np.array([[(2.0, -3.0), (2.0, 3.0)]]))
     controller(world).drive(world, Drive([(2.0 - RADIUS_M - MARGIN_M - 0.012, 0.0)], None, 1.0, Limits()))
     assert world.track[-1][4] == pytest.approx(MARGIN_M + 0.01, abs=0.005)
-
-
-def test_it_turns_beside_anything() -> None:
     world = World(square(0.71, 0.0, 0.6, math.pi / 4))
     assert gap_m(world.lines, (0.0, 0.0)) < 0.02
     controller(world).drive(world, DriveAt((0.0, 0.0, 1.0), 2.0))

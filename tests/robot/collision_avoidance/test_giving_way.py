@@ -138,7 +138,7 @@ def test_robots_never_touch(drives: list[tuple[XY, XY, float]]) -> None:
     assert all(ends), ends
 
 
-def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> None:
+def test_the_earlier_name_keeps_its_speed_at_a_crossing_and_head_on_both_stop() -> None:
     bases = [Base("a", -3.0, 0.0), Base("b", 0.0, -3.0)]
     goals = [(3.0, 0.0), (0.0, 3.0)]
     nearest_m, ends = drive(bases, paths(bases, goals))
@@ -148,9 +148,6 @@ def test_where_paths_cross_the_robot_with_the_earlier_name_keeps_its_speed() -> 
     assert min(speeds[0]) > 0.39
     assert min(speeds[1]) < 0.2
     assert bases[0].awaited == {""}
-
-
-def test_head_on_both_stop_and_name_the_other() -> None:
     bases = [Base("a", -2.0, 0.0), Base("b", 2.0, 0.0)]
     goals = [(2.0, 0.0), (-2.0, 0.0)]
     nearest_m, ends = drive(bases, paths(bases, goals))
@@ -160,16 +157,13 @@ def test_head_on_both_stop_and_name_the_other() -> None:
     assert [base.awaited for base in bases] == [{"", f"a free way: {other} is in the way"} for other in "ba"]
 
 
-def test_places_side_by_side_can_be_reached() -> None:
+def test_places_side_by_side_are_reached_and_a_robot_stops_before_a_wall() -> None:
     bases = [Base("a", 0.0, 0.0), Base("b", 3.0, 0.5)]
     goal = 0.82, 0.0
     motion = GiveWay(Drive([goal], 0.0, 0.3, BASE_LIMITS), bases[1], [goal])
     nearest_m, ends = drive(bases, [GiveWay(Drive([(0.0, 0.0)], 0.0, 0.3, BASE_LIMITS), bases[0]), motion])
     assert ends == ["there", "there"]
     assert nearest_m >= NEAR_MARGIN_M
-
-
-def test_a_robot_stops_before_a_wall() -> None:
     base = Base("a", 0.0, 0.0, wall_y=0.6)
     motion = GiveWay(Drive([(0.0, 0.5)], 0.0, 0.2, BASE_LIMITS), base, precise_positioning=True, avoid_walls=True)
     _, (end,) = drive([base], [motion])
@@ -264,14 +258,11 @@ def test_a_robot_waits_until_its_goal_is_free() -> None:
     assert crowd.at("A")[:2] == pytest.approx((4.0, 2.0), abs=0.01)
 
 
-def test_a_robot_drives_around_a_parked_one_and_past_an_objects_place_on_the_map() -> None:
+def test_a_robot_drives_around_what_is_parked_or_moved_and_past_its_place_on_the_map() -> None:
     box = MapObject("box", BoxShape((0.8, 0.8)), (6.0, 2.0), height=0.5, movable=True)
     crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0), "B": (3.5, 2.0, 0.0)})
     crowd.carried("box", (1.0, 0.6))
     meet(crowd, {"A": (6.0, 2.0, 0.0)})
-
-
-def test_a_robot_drives_around_a_moved_object_which_is_named_on_its_goal() -> None:
     box = MapObject("box", BoxShape((0.8, 0.8)), (7.0, 3.4), height=0.5, movable=True)
     crowd = Crowd(room(8.0, 4.0, box), {"A": (1.0, 2.0, 0.0)})
     crowd.carried("box", (4.0, 2.0))

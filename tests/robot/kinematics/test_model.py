@@ -46,7 +46,7 @@ def test_its_joints_are_the_robots_with_their_limits(model: mujoco.MjModel, of_u
             assert each.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE
 
 
-def test_mass_height_and_footprint(model: mujoco.MjModel, standing: mujoco.MjData) -> None:
+def test_mass_height_footprint_and_sensors_that_look_outwards(model: mujoco.MjModel, standing: mujoco.MjData) -> None:
     assert model.body_mass.sum() == pytest.approx(MASS_KG)
     corners = np.array([corner for geom in range(model.ngeom) for corner in _corners(model, standing, geom)])
     assert corners[:, 2].max() == pytest.approx(1.325)
@@ -54,9 +54,6 @@ def test_mass_height_and_footprint(model: mujoco.MjModel, standing: mujoco.MjDat
     assert base.min(axis=0)[:2] == pytest.approx([-0.376, -0.2775])
     assert base.max(axis=0)[:2] == pytest.approx([0.237, 0.2775])
     assert corners[:, 2].min() >= 0.0
-
-
-def test_sensors_look_outwards(standing: mujoco.MjData) -> None:
     assert standing.site("laser").xmat.reshape(3, 3) == pytest.approx(np.eye(3))
     middle = np.array([(-0.376 + 0.237) / 2, 0.0])
     for number in range(1, 9):
@@ -105,14 +102,11 @@ def test_links_are_in_the_frame_of_the_building(body: SmartPalBody, base: tuple[
             assert abs(found[name][1] @ attitude) == pytest.approx(1.0, abs=1e-9), name
 
 
-def test_its_mass_and_its_looks_are_the_robots() -> None:
+def test_the_command_writes_the_file_with_its_mass_and_its_looks(tmp_path: Path) -> None:
     robot = ElementTree.fromstring(urdf())
     masses = [float(mass.get("value", "")) for mass in robot.iter("mass")]
     assert sum(masses) == pytest.approx(MASS_KG) and min(masses) > 0
     assert {material.get("name") for material in robot.findall("link/visual/material")} == set(PAINTS)
-
-
-def test_the_command_writes_the_file(tmp_path: Path) -> None:
     file = tmp_path / "smartpal.urdf"
     assert CliRunner().invoke(command(), ["robot-model", "urdf", str(file)]).exit_code == 0
     assert file.read_text() == urdf()
