@@ -55,13 +55,16 @@ def outlines(draw: st.DrawFn) -> Polygon:
     return Polygon([(end * math.cos(turn), end * math.sin(turn)) for end, turn in zip(ends, turns, strict=True)])
 
 
-@settings(max_examples=40, deadline=None)
-@given(outlines(), st.integers(1, 6))
+@settings(max_examples=20, deadline=None)
+@given(outlines() | st.just(TABLE), st.integers(1, 6))
 def test_carriers_do_not_overlap_and_hold_the_object_around_its_centroid(outline: Polygon, count: int) -> None:
     try:
         found = formations(outline, count)
     except InvalidPlan:
+        assert outline is not TABLE
         return
+    assert found == formations(outline, count)
+    assert len({tuple(sorted(formation.grips)) for formation in found}) == len(found)
     for formation in found:
         places = formation.carrier_poses()
         assert len(places) == count
@@ -74,13 +77,6 @@ def test_carriers_do_not_overlap_and_hold_the_object_around_its_centroid(outline
             assert outline.exterior.distance(Point(grip[:2])) < 1e-6
         held = MultiPoint([grip[:2] for grip in formation.grips]).convex_hull
         assert count == 1 or held.distance(outline.centroid) <= MAX_OFFSET_M
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 4, 5, 6])
-def test_up_to_six_robots_have_formations_around_a_table(count: int) -> None:
-    found = formations(TABLE, count)
-    assert found == formations(TABLE, count)
-    assert len({tuple(sorted(formation.grips)) for formation in found}) == len(found)
 
 
 def test_two_take_a_table_at_its_ends_and_four_a_round_table_from_all_sides() -> None:
@@ -108,7 +104,7 @@ def test_impossible_formations_are_refused(outline: Polygon, count: int) -> None
         formations(outline, count)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(outlines(), st.integers(1, 6), st.floats(0.5, 20.0))
 def test_groups_that_are_enough_can_carry_and_hold_the_object(outline: Polygon, count: int, mass_kg: float) -> None:
     try:
@@ -145,7 +141,7 @@ poses = st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20), st.floats(-7,
 limits = st.builds(Limits, st.floats(0.05, 1.0), st.floats(0.1, 1.0), st.floats(0.1, 1.0))
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(poses, limits)
 def test_no_carrier_exceeds_the_limits(path: list[Pose2D], limits: Limits) -> None:
     speed, turn_speed, acceleration, _ = limits
@@ -161,7 +157,7 @@ def test_no_carrier_exceeds_the_limits(path: list[Pose2D], limits: Limits) -> No
             assert math.hypot(wx - vx, wy - vy) / step <= acceleration * 1.01 + 1e-6
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=8, deadline=None)
 @given(poses)
 def test_the_body_stops_at_each_pose_also_of_a_transmitted_trajectory(path: list[Pose2D]) -> None:
     trajectory, step = Trajectory(path, PLACES), 1e-5
@@ -223,7 +219,7 @@ def areas_of(*legs: CarryLeg) -> tuple[FloorArea, ...]:
     return swept_areas(CarryPlan(FORMATION, legs, TABLE))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=25)
 @given(
     st.lists(st.tuples(st.floats(-8, 8), st.floats(-8, 8), st.floats(-3, 3)), min_size=1, max_size=6), st.floats(0, 1)
 )

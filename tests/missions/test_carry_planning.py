@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -108,7 +109,7 @@ def rooms(draw: st.DrawFn) -> Building:
 places = st.tuples(st.just("L1"), st.floats(1.0, 8.0), st.floats(1.0, 6.0), st.floats(-4.0, 4.0))
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=15, deadline=None)
 @given(rooms(), places, places, st.integers(2, 3), st.sampled_from((BOX, TABLE)))
 def test_carriers_and_object_touch_nothing(
     building: Building,
@@ -149,7 +150,7 @@ def door_at_7m() -> Building:
     return floor("L1", 14.0, 7.0, Wall("wall", (7.0, 0.0), (7.0, 7.0)), Door("door", (7.0, 2.5), (7.0, 4.5)))
 
 
-SCENE = load_sample("paper-scene")
+SCENE, CABIN = load_sample("paper-scene"), shapely.box(4.5, 4.5, 7.5, 7.5)
 
 
 @pytest.mark.parametrize(
@@ -162,6 +163,7 @@ SCENE = load_sample("paper-scene")
         (two_rooms(1.0), TABLE, ("L1", 3.0, 3.5, 0.0), ("L1", 9.0, 3.5, 0.0), 2),
         # What was put down at a door: the carriers have no room to approach from afar.
         (door_at_7m(), BOX, ("L1", 5.94, 3.52, math.pi / 4), ("L1", 10.5, 3.5, 0.0), 2),
+        (two_floors(3.0, 2.0), BOX, ("L1", 2.5, 2.5, 1.0), ("L2", 9.0, 2.5, -2.0), 2),
         # Out of an elevator, as after the death of a carrier there: it keeps the doors open, between them or in it.
         *(
             (two_floors(3.0, 2.0), BOX, ("L1", 6.0, y, 0.0), goal, 2)
@@ -178,6 +180,10 @@ def test_carriers_get_an_object_to_its_goal(
     assert reached(plan.legs[-1].poses[-1], goal[1:])
     assert plan.back_off_m < BACK_OFF_M or "door" not in building.floors["L1"].geometrical.doors
     check(building, plan, carried if start is None else "")
+    assert [leg.elevator_after for leg in plan.legs] == (["E1", ""] if goal[0] == "L2" else [""])
+    for before, after in pairwise(plan.legs):
+        assert reached(before.poses[-1], tuple(after.poses[0]))
+        assert CABIN.buffer(-MARGIN_M + 1e-6).covers(placed(plan.footprint(), tuple(before.poses[-1])))
 
 
 WEST, EAST, UP = ("L1", 3.0, 3.5, 0.0), ("L1", 9.0, 3.5, 0.0), ("L2", 9.0, 2.5, 0.0)
@@ -213,19 +219,6 @@ def test_what_blocks_a_carry_is_named(
     with pytest.raises(ImpossibleCarry, match=message) as raised:
         best_plan(building, carried, start, goal, count)
     assert len(raised.value.blockers) <= 1
-
-
-def test_two_carry_a_box_up_one_floor() -> None:
-    building = two_floors(3.0, 2.0)
-    goal = (9.0, 2.5, -2.0)
-    plan = best_plan(building, BOX, ("L1", 2.5, 2.5, 1.0), ("L2", *goal), 2)
-    assert [(leg.floor, leg.elevator_after) for leg in plan.legs] == [("L1", "E1"), ("L2", "")]
-    assert reached(plan.legs[1].poses[-1], goal)
-    assert tuple(plan.legs[0].poses[-1][:2]) == tuple(plan.legs[1].poses[0][:2])
-    assert math.remainder(plan.legs[0].poses[-1][2] - plan.legs[1].poses[0][2], math.tau) == pytest.approx(0.0)
-    cabin = shapely.box(4.5, 4.5, 7.5, 7.5).buffer(-MARGIN_M + 1e-6)
-    assert cabin.covers(placed(plan.footprint(), tuple(plan.legs[0].poses[-1])))
-    check(building, plan)
 
 
 def test_carriers_reach_and_leave_their_places_as_getpath_wants() -> None:

@@ -155,14 +155,11 @@ def test_a_ride_ends_also_on_a_floor_that_got_another_name(error: InvalidReserva
     assert robot.session.keep_areas.call_args.args == (areas[1:],)
 
 
-def test_an_object_moved_after_planning_is_not_gripped() -> None:
+def test_what_was_moved_is_not_gripped_and_a_robot_backs_off_as_far_as_there_is_room() -> None:
     def grip(robot: Robot) -> None:
         StepExecutor(robot, CarryProgress(), LeaderClock(), lambda thing: (0.92, 0.05, 0.0)).execute(HOLD)
 
     assert at_the_box().run(20.0, A=grip) == {"A": "box was moved to (2.00, 1.05) after planning"}
-
-
-def test_a_robot_backs_off_as_far_as_there_is_room() -> None:
     crowd = Crowd(room(6.0, 2.0), {"A": (0.55, 1.0, 0.0)})
     assert crowd.run(60.0, A=lambda robot: executor_of(robot).execute(BackOff(distance_m=0.3))) == {}
     assert crowd.touched == []

@@ -61,12 +61,6 @@ def test_they_meet_face_to_face(world: MapWorld, giver: str, taker: str) -> None
         assert math.remainder(facing - one.heading, math.tau) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_they_meet_half_way(world: MapWorld) -> None:
-    here, there = meeting(planned(world, "A", "B"))
-    assert ((here.x + there.x) / 2, (here.y + there.y) / 2) == pytest.approx((2.0, 3.5), abs=0.8)
-    assert math.dist((here.x, here.y), ROBOTS["A"][1:]) < math.dist((here.x, here.y), ROBOTS["B"][1:])
-
-
 class Moved(MapWorld):
     """The box is now a long board between A and B, which the path between them has to avoid."""
 
@@ -95,7 +89,10 @@ def test_the_leader_need_not_take_part(world: MapWorld, icon: icons.HandOver, re
     assert {subplan.robot for subplan in planner.plan("m", "A", ROBOTS).subplans} == carriers
 
 
-def test_impossible_hand_overs_are_refused(world: MapWorld) -> None:
+def test_they_meet_half_way_and_impossible_hand_overs_are_refused(world: MapWorld) -> None:
+    here, there = meeting(planned(world, "A", "B"))
+    assert ((here.x + there.x) / 2, (here.y + there.y) / 2) == pytest.approx((2.0, 3.5), abs=0.8)
+    assert math.dist((here.x, here.y), ROBOTS["A"][1:]) < math.dist((here.x, here.y), ROBOTS["B"][1:])
     with pytest.raises(MissionFailed, match="box stands in the building"):
         HandOverPlanner(world, "box", "A", "B", "A", ROBOTS["A"])
     with pytest.raises(MissionFailed, match="B can't hand sheet over to itself"):
@@ -129,7 +126,7 @@ def test_two_robots_hand_a_sheet_over(tmp_path: Path) -> None:
     apart, touching = list[float](), list[list[tuple[str, str]]]()
 
     def look(crew: Crew) -> None:
-        while not ended.wait(0.05):
+        while not ended.wait(0.2):
             giver, taker = (crew.agents[name].state.actor for name in ("A", "B"))
             touching.extend(found for each in (giver, taker) if (found := kinematics.body.collisions(each.joints)))
             both = ((giver, GIVING), (taker, TAKING))

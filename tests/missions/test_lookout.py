@@ -41,16 +41,13 @@ def looking_at(*seen: Seen) -> Lookout:
     return Lookout(PATH, BODY, {"A", "table"}, lambda: seen, DEFAULT_POLICY)
 
 
-def test_what_stands_ahead_is_seen_in_time() -> None:
+def test_what_stands_ahead_is_seen_in_time_and_what_is_beside_once_it_moves_there() -> None:
     lookout = looking_at(robot(3.0, 0.0))
     assert lookout.ahead(0.0) is None
     reached_s = next(t / 100 for t in range(2000) if PATH.at(t / 100)[0][0] >= 3.0 - 0.3 - 0.5 - GAP_M)
     assert lookout.ahead(reached_s - 3.0) == (robot(3.0, 0.0), pytest.approx(3.0, abs=0.3))
     assert lookout.ahead(reached_s - LOOK_S - 0.5) is None
     assert lookout.ahead(reached_s + 0.1) == (robot(3.0, 0.0), 0.0)
-
-
-def test_what_is_beside_is_not_in_the_way_unless_it_moves_there() -> None:
     assert looking_at(robot(2.0, 0.4 + 0.3 + 2 * GAP_M)).ahead(7.0) is None
     assert looking_at(robot(2.0, 0.4 + 0.3 - 0.01)).ahead(7.0) is not None
     beside = 0.4 + 0.3 + 0.5
@@ -116,7 +113,21 @@ class _AtOnce:
         self.start = work
 
 
-def test_the_pace_follows_what_is_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_objects_are_not_asked_and_refusals_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = Scene(monkeypatch)
+    scene.seen = robot(1.0, 1.0, name="chair")._replace(is_robot=False), 0.0
+    assert scene.rate() == 0.0
+    assert scene.asked == [] and scene.way.staying == ""
+    scene.seen = robot(1.0, 1.0), 0.0
+    assert scene.rate(5.0) == 0.0
+    assert scene.way.waited_s == pytest.approx(5.0)  # for one after another
+    scene.way.receive(WayMade(mission="m.1", robot="r", leader="A", reason="runs a program"))
+    assert scene.way.staying == "runs a program"
+
+
+def test_the_pace_follows_what_is_ahead_and_the_body_stops_once_that_is_unknown(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     scene = Scene(monkeypatch)
     assert scene.rate() == 1.0
     scene.seen = robot(1.0, 1.0), STOP_S + 0.5
@@ -133,21 +144,6 @@ def test_the_pace_follows_what_is_ahead(monkeypatch: pytest.MonkeyPatch) -> None
     assert scene.rate(0.2) == 0.0  # it might come back
     assert scene.rate(0.5) == 1.0
     assert scene.way.blocker is None and scene.way.waited_s == 0.0
-
-
-def test_objects_are_not_asked_and_refusals_are_known(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = Scene(monkeypatch)
-    scene.seen = robot(1.0, 1.0, name="chair")._replace(is_robot=False), 0.0
-    assert scene.rate() == 0.0
-    assert scene.asked == [] and scene.way.staying == ""
-    scene.seen = robot(1.0, 1.0), 0.0
-    assert scene.rate(5.0) == 0.0
-    assert scene.way.waited_s == pytest.approx(5.0)  # for one after another
-    scene.way.receive(WayMade(mission="m.1", robot="r", leader="A", reason="runs a program"))
-    assert scene.way.staying == "runs a program"
-
-
-def test_the_body_stops_once_its_way_is_unknown(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = Scene(monkeypatch)
     assert scene.rate() == 1.0
     scene.seen = NotReachable("positions of other robots are unknown")
@@ -192,28 +188,19 @@ def test_robots_in_the_way_are_those_that_the_way_touches() -> None:
     assert [robot.name for robot in in_the_way(way, [at("near", 5.0, 4.8 + RADIUS_M + 0.04)])] == ["near"]
 
 
-def test_a_robot_steps_to_the_nearer_side() -> None:
+def test_robots_step_to_the_nearer_side_where_they_meet_nobody_and_keep_doors_free() -> None:
     place = place_aside(world(hall(), at("a", 5.0, 4.4)), strip(4.0), "a")
     assert place is not None and place.floor == "L1"
     assert 4.8 + RADIUS_M <= place.y <= 4.8 + RADIUS_M + clearing.ASIDE_GAP_M + 0.15
     assert abs(place.x - 5.0) < 0.3
-
-
-def test_robots_that_step_aside_do_not_meet_there() -> None:
     standing = [at("a", 5.0, 4.3), at("b", 5.0 + 2 * RADIUS_M + 0.05, 4.3), at("c", 5.0, 6.2)]
     a, b = places_aside(world(hall(), *standing), strip(4.0), standing[:2]).values()
     assert a and b
     assert math.dist(a[1:], b[1:]) >= 2 * RADIUS_M
     assert min(math.dist(place[1:], (5.0, 6.2)) for place in (a, b)) >= 2 * RADIUS_M
-
-
-def test_there_may_be_no_room() -> None:
     building = hall(Wall("south", (0.0, 3.5), (12.0, 3.5)), Wall("north", (0.0, 5.0), (12.0, 5.0)))
     way = {"L1": shapely.box(0.0, 3.5, 12.0, 5.0)}
     assert places_aside(world(building, at("a", 5.0, 4.2)), way, [at("a", 5.0, 4.2)]) == {"a": None}
-
-
-def test_doors_are_kept_free() -> None:
     door = Door("door", (5.0, 3.0), (6.4, 3.0))
     building = hall(Wall("left", (0.0, 3.0), (5.0, 3.0)), Wall("right", (6.4, 3.0), (12.0, 3.0)), door)
     way = {"L1": shapely.box(1.0, 3.3, 11.0, 5.0)}
@@ -229,7 +216,7 @@ def test_doors_are_kept_free() -> None:
     half_m=st.floats(0.3, 2.0),
     others=st.lists(st.tuples(st.floats(0.5, 11.5), st.floats(0.5, 7.5)), max_size=6),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_places_are_free_and_outside_the_way(
     x: float, y: float, turn: float, half_m: float, others: list[tuple[float, float]]
 ) -> None:

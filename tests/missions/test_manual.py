@@ -25,7 +25,7 @@ def rows(start: str) -> dict[str, set[str]]:
     return {words[0]: {word for each in words[1:] for word in re.findall(r"\w+", each)} for words in found if words}
 
 
-def test_all_members_of_messages_are_documented() -> None:
+def test_all_members_of_messages_and_all_steps_are_documented() -> None:
     documented = rows("| `mission.")
     assert documented.keys() == KINDS.keys()
     for name, kind in KINDS.items():
@@ -35,9 +35,6 @@ def test_all_members_of_messages_are_documented() -> None:
         assert wanted <= documented[name], name
     for field in msgspec.structs.fields(MemberMeasurements):
         assert f"`{field.encode_name}`" in MANUAL
-
-
-def test_all_steps_are_documented() -> None:
     documented = {name.split()[0] for name in rows("| `")}
     assert {kind.__name__ for kind in (*get_args(Step), Idle)} <= documented
 

@@ -55,7 +55,7 @@ class MovedWorld(MapWorld):
         return super().movable(name)._replace(x=2.4, y=3.5, heading=0.0)
 
 
-def test_paths_avoid_the_object_where_it_is_now() -> None:
+def test_a_box_is_avoided_and_carried_from_where_it_is_now() -> None:
     world = MovedWorld(two_storeys())
     paths = GatheringPaths(world, world.movable("box"))
     assert paths.length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is not None
@@ -64,9 +64,6 @@ def test_paths_avoid_the_object_where_it_is_now() -> None:
         paths.path(Place("L1", 5.4, 2.5), Place("L1", 2.4, 3.5))
     on_map = MapWorld(two_storeys())
     assert GatheringPaths(on_map, on_map.movable("box")).length_m(Place("L1", 5.4, 3.5), Place("L1", 5.4, 2.5)) is None
-
-
-def test_a_moved_box_can_be_carried_again() -> None:
     beside = {"A": Place("L1", 5.4, 3.5), "B": Place("L1", 5.4, 5.0)}  # A is at the box's place on the map
     plan = MoveTablePlanner(MovedWorld(two_storeys()), "box", Destination("L1", 4.0, 3.5)).plan("m", "A", beside)
     assert {subplan.robot for subplan in plan.subplans} == {"A", "B"}
@@ -212,7 +209,7 @@ def steps_of(plan: CooperativePlan, robot: str) -> tuple[Step | Idle, ...]:
     return next(subplan.steps for subplan in plan.subplans if subplan.robot == robot)
 
 
-def test_roles_and_first_steps(up: CooperativePlan) -> None:
+def test_roles_first_steps_and_carries_that_start_where_the_one_before_ended(up: CooperativePlan) -> None:
     assert {subplan.robot: subplan.role for subplan in up.subplans} == {"A": "leader", "B": "helper"}
     assert len({len(subplan.steps) for subplan in up.subplans} | {len(up.phases)}) == 1
     reserve = steps_of(up, "A")[0]
@@ -231,9 +228,6 @@ def test_roles_and_first_steps(up: CooperativePlan) -> None:
     a, b = (subplan.steps[1] for subplan in up.subplans)
     assert isinstance(a, Gather) and isinstance(b, Gather)
     assert up.subplans[0].robot == ("A" if a.y < b.y else "B")  # each from its own side
-
-
-def test_each_carry_starts_where_the_one_before_ended_while_all_hold(up: CooperativePlan) -> None:
     carries = [Trajectory.from_rows(step.rows) for step in steps_of(up, "A") if isinstance(step, Carry)]
     assert carries[0].start == pytest.approx((5.4, 3.5, -0.785))
     assert carries[-1].goal == pytest.approx((GOAL.x, GOAL.y, GOAL.heading))
@@ -318,24 +312,18 @@ def test_the_carry_is_planned_around_robots_that_stay() -> None:
         MoveTablePlanner(narrow, "box", goal).reserve(first_way, {"D"})
 
 
-def test_the_number_of_carriers_follows_from_the_weight(world: MapWorld) -> None:
+def test_carriers_follow_from_the_weight_and_what_is_missing_or_at_its_goal_is_named(world: MapWorld) -> None:
     assert MoveTablePlanner(world, "box", GOAL).helpers == 1
     assert MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", Destination("L1", 3.5, 3.5)).helpers == 2
     assert MoveTablePlanner(MapWorld(two_storeys()), "box", Destination("L1", 3.5, 3.5), carriers=3).helpers == 2
     with pytest.raises(MissionFailed, match=r"box has a mass of 9 kg, and each .* 4 kg: it needs 3 carriers, not 2"):
         MoveTablePlanner(MapWorld(two_storeys(), mass_kg=9.0), "box", GOAL, carriers=2)
-
-
-def test_missing_objects_robots_and_room_are_named(world: MapWorld) -> None:
     with pytest.raises(MissionFailed, match="no object 'piano'"):
         MoveTablePlanner(world, "piano", GOAL)
     with pytest.raises(MissionFailed, match="2 robots are needed; A are free"):
         MoveTablePlanner(world, "box", GOAL).plan("m", "A", {"A": ROBOTS["A"]})
     with pytest.raises(ImpossibleCarry, match="E1"):
         MoveTablePlanner(MapWorld(two_storeys(cabin_m=2.0)), "box", GOAL)
-
-
-def test_what_is_at_its_goal_is_not_carried(world: MapWorld) -> None:
     box = world.movable("box")
     with pytest.raises(GoalReached, match="box is at its goal"):
         MoveTablePlanner(world, "box", Destination(box.floor, box.x + 0.005, box.y, box.heading + math.tau))

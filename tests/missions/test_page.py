@@ -42,16 +42,13 @@ def tags(text: str) -> list[str]:
     return re.findall(r"<(\w+)", text)
 
 
-def test_the_page_shows_pictures_film_and_figures(tmp_path: Path) -> None:
+def test_the_page_shows_pictures_film_figures_and_tables(tmp_path: Path) -> None:
     facts = [("The simulation server says", "the table is 2 mm from its goal")]
     text = written(tmp_path, [("before.png", "Before"), ("after.png", "After")], "film.mp4", facts)
     assert re.findall(r"src='(.*?)'", text) == ["film.mp4", "before.png", "after.png"]
     assert tags(text).count("video") == 1 and tags(text).count("img") == 2
     for word in ("the table is 2 mm from its goal", "gathering", "8.0", "hall, through its gateway", "15.5 mm", "2.12"):
         assert f">{word}<" in text, word
-
-
-def test_the_tables_have_unfinished_phases_and_the_leaders_own_sub_network_first() -> None:
     assert list(page.latencies(report())) == [
         ("lab, the leader's own", "40", "0.50", "8.50", "12.25"),
         ("hall, through its gateway", "40", "1.00", "8.50", "12.25"),

@@ -328,7 +328,7 @@ def test_ends(kept: Kept, end: Callable[[LedMission], None], result: MissionResu
     assert kept.latest.ended
 
 
-def test_the_phases_of_several_attempts_follow_each_other(kept: Kept) -> None:
+def test_the_phases_of_attempts_and_of_leaders_follow_each_other(kept: Kept) -> None:
     led = LedMission(kept, "m", NEW, Clock())
     led.phases += [PhaseTimes("one", 102.0, {}, {"A": 103.0}), PhaseTimes("recovering", 108.0, {}, {})]
     led.update(PLAN)
@@ -341,9 +341,6 @@ def test_the_phases_of_several_attempts_follow_each_other(kept: Kept) -> None:
     )
     assert kept.latest.phases_in_all == 5
     assert msgspec.convert(kept.latest.plan, CooperativePlan) == again
-
-
-def test_a_leader_that_takes_over_continues_the_record(kept: Kept) -> None:
     clock = Clock()
     LedMission(kept, "m", NEW, clock).begin_phase(PLAN, "one", 102.0, ())
     clock.now = 110.0

@@ -48,7 +48,7 @@ def test_messages_arrive_in_their_order_but_for_invalid_ones_and_those_in_the_na
     assert transport.receive(0.0) is None
 
 
-def test_who_waits_without_a_timeout_can_be_woken() -> None:
+def test_who_waits_can_be_woken_and_a_full_queue_drops_what_is_new() -> None:
     _, transport = subscribed()
     got: list[object] = []
     waiting = threading.Thread(target=lambda: got.append(transport.receive(None)), daemon=True)
@@ -56,9 +56,6 @@ def test_who_waits_without_a_timeout_can_be_woken() -> None:
     transport.wake()
     waiting.join(60.0)
     assert got == [None]
-
-
-def test_a_full_queue_drops_what_is_new_and_waking_does_not_fail() -> None:
     bus, transport = subscribed()
     for _ in range(MAX_QUEUED + 1):
         bus.publish("A", type_of(Call), payload(CALL))

@@ -113,7 +113,7 @@ def test_a_role_finds_by_its_name_the_robot_at_an_address() -> None:
     assert RemoteAgent(orb, "a:2").mission() == "Robots/A"
 
 
-def test_checks_of_programs(servant: RobotAgentServant, agent: ServedAgent) -> None:
+def test_checks_of_programs_and_what_is_readable_of_an_agent(servant: RobotAgentServant, agent: ServedAgent) -> None:
     check = servant.checkProgram('{"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}')
     assert not check.isExecutable
     ((*found, _),) = findings(check)
@@ -134,9 +134,6 @@ def test_checks_of_programs(servant: RobotAgentServant, agent: ServedAgent) -> N
     check = servant.checkProgram(program.dumps(WAITING))
     ((_, icon, _, reason),) = findings(check)
     assert (check.isExecutable, icon, "PathPlanner" in reason) == (False, "", True)
-
-
-def test_what_is_readable_of_an_agent(servant: RobotAgentServant, agent: ServedAgent) -> None:
     assert (servant._get_program(), servant._get_path()) == ("", [])
     assert (servant._get_channel(), servant._get_mission()) == ("a", "carry-1")
     agent.program, agent.path = WAITING, [PathPoint(PointKind.START, "", "L1", 1.0, 2.0, 0.5, 0.0, 0.0, "")]
@@ -595,16 +592,13 @@ def state(robot: str, waits_for: str = "", is_confirmed: bool = True) -> Any:
     return RoboCorba.StopState(robot, True, not waits_for, 0.0, is_confirmed, waits_for)
 
 
-def test_the_simulation_server_at_its_own_address_shows_it_without_names(world: World) -> None:
+def test_the_simulation_server_shows_it_and_what_is_bound_or_still_moves_proves_nothing(world: World) -> None:
     world.states = [state("A"), state("B", is_confirmed=False)]
     *robots, others = stop(world)
     assert robots == [Verdict("A", True, "the robot confirms it"), Verdict("B", True, "its body stands")]
     assert others == (OTHERS, True, "robots that log on are stopped, too, until: robocorba stop --all --reset", True)
     assert world.asked[0][0] == "corbaloc:iiop:1.2@h:1/SimulationServer"
-
-
-def test_what_is_bound_to_a_name_proves_nothing_nor_what_a_robot_says_that_still_moves(world: World) -> None:
-    world.bound = {"A": ""}
+    world.states, world.bound = None, {"A": ""}
     (verdict,) = stop(world, "A")
     assert not verdict.stands and "proves nothing; the simulation server does not answer" in verdict.text
     world.states = []
@@ -615,15 +609,13 @@ def test_what_is_bound_to_a_name_proves_nothing_nor_what_a_robot_says_that_still
     assert stop(world, "A", targets="A") == [Verdict("A", False, "is not shown to stand: it brakes")]
 
 
-def test_without_the_server_a_robot_speaks_for_itself_and_others_are_doubtful(world: World) -> None:
+def test_without_the_server_others_are_doubtful_and_a_reset_of_all_ends_the_stop_of_all(world: World) -> None:
     assert [(verdict.robot, verdict.stands) for verdict in stop(world)] == [(OTHERS, False)]
     world.targets = {"A": StopAnswer(True, True), "B": StopAnswer(True, False)}
     found = {verdict.robot: verdict.stands for verdict in stop(world, targets="ABC")}
     assert found == {"A": True, "B": False, "C": False, OTHERS: False}
     assert [verdict.stands for verdict in stop(world, "A", targets="ABC")] == [True]
 
-
-def test_a_reset_of_all_ends_the_stop_of_all_and_resets_each_robot(world: World) -> None:
     def reset(*names: str) -> dict[str, str]:
         return dict(reset_robots(world, names, StopAddresses("h:1")))  # type: ignore[arg-type]
 

@@ -302,7 +302,7 @@ def test_a_reset_ends_no_stop_of_the_server_that_came_while_the_robot_reported_i
 
 
 TestSharedStops = SharedStops.TestCase
-TestSharedStops.settings = settings(max_examples=100, stateful_step_count=25, deadline=None)
+TestSharedStops.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
 
 
 def test_a_stop_of_a_server_that_counts_from_the_beginning_holds_and_can_be_ended(tmp_path: Path) -> None:

@@ -53,13 +53,6 @@ def test_every_combination_shows_what_the_table_says(condition: AgentCondition, 
         assert (shown.kind.name, shown.text) == by_table(condition.name, result.name, waits, is_lost)
 
 
-def test_what_has_no_name_is_said_nevertheless() -> None:
-    running, idle = AgentCondition.RUNNING, AgentCondition.IDLE
-    assert display_of(running, "", ProgramReport("teleoperation")).text == "teleoperation"
-    assert display_of(running, "", ProgramReport()).text == "its program"
-    assert display_of(idle, "", ProgramReport(result=ProgramResult.FAILED, reason="x")).text == "its program failed: x"
-
-
 @given(
     st.sampled_from(DisplayKind), st.text(st.characters(codec="utf-8", exclude_characters="\0")), st.floats(0.0, 1e9)
 )
@@ -81,7 +74,11 @@ class Released:
         return robot_states.agent_state(state)
 
 
-def test_what_a_robot_of_0_1_0_shows_follows_from_its_state() -> None:
+def test_what_has_no_name_is_said_and_what_a_robot_of_0_1_0_shows_follows_from_its_state() -> None:
+    running, idle = AgentCondition.RUNNING, AgentCondition.IDLE
+    assert display_of(running, "", ProgramReport("teleoperation")).text == "teleoperation"
+    assert display_of(running, "", ProgramReport()).text == "its program"
+    assert display_of(idle, "", ProgramReport(result=ProgramResult.FAILED, reason="x")).text == "its program failed: x"
     assert shown_by(Released()) == Display(DisplayKind.WORKING, "mbase path (fetch)")
 
 

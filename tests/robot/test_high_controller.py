@@ -136,16 +136,6 @@ def made(adaptor: Watched, *how: Any) -> HighController:
     return high
 
 
-def test_commands_keep_the_cap_and_the_acceleration(high: HighController, adaptor: Watched) -> None:
-    high.speed_cap = 0.2
-    high.move(DriveAt((5.0, 5.0, 9.0), 0.5))
-    velocities = np.array([command.velocity for command in adaptor.commands])
-    assert np.hypot(velocities[:, 0], velocities[:, 1]).max() == pytest.approx(0.2)
-    assert np.abs(velocities[:, 2]).max() <= BASE_LIMITS.turn_speed
-    turns = np.abs(np.diff(velocities[:, 2]))
-    assert turns.max() <= BASE_LIMITS.turn_acceleration * TICK_S + 1e-9
-
-
 def test_an_idle_virtual_robot_gets_fewer_commands(high: HighController, adaptor: Watched) -> None:
     adaptor.is_virtual = True
     works(high)
@@ -228,7 +218,16 @@ def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighCo
     works(high)
 
 
-def test_what_ends_a_motion(high: HighController) -> None:
+def test_commands_keep_the_cap_and_the_acceleration_and_what_ends_a_motion(
+    high: HighController, adaptor: Watched
+) -> None:
+    high.speed_cap = 0.2
+    high.move(DriveAt((5.0, 5.0, 9.0), 0.5))
+    velocities = np.array([command.velocity for command in adaptor.commands])
+    assert np.hypot(velocities[:, 0], velocities[:, 1]).max() == pytest.approx(0.2)
+    assert np.abs(velocities[:, 2]).max() <= BASE_LIMITS.turn_speed
+    turns = np.abs(np.diff(velocities[:, 2]))
+    assert turns.max() <= BASE_LIMITS.turn_acceleration * TICK_S + 1e-9
     with pytest.raises(MotionFailed, match="ZeroDivisionError: of its own"):
         high.move(MagicMock(**{"command.side_effect": ZeroDivisionError("of its own")}))
     moving = driving(high)

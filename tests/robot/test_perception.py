@@ -33,15 +33,13 @@ AT_POINT = Point(AT[:2])
 
 def scan_of(things: Sequence[BaseGeometry], at: Frame = AT, noise: Floats | float = 0.0) -> Scan:
     """Where rays around a robot meet the borders of things, or of the room, on the floor."""
-    ends, is_hit = [], []
+    along = np.column_stack((np.cos(ANGLES), np.sin(ANGLES)))
     borders = shapely.union_all([ROOM, *(thing.boundary for thing in things)])
-    for angle, error in zip(ANGLES, np.broadcast_to(noise, ANGLES.shape), strict=True):
-        along = np.array([math.cos(angle), math.sin(angle)])
-        met = borders.intersection(LineString([at[:2], at[:2] + RANGE_M * along]))
-        length = RANGE_M if met.is_empty else met.distance(Point(at[:2])) + float(error)
-        ends.append(at[:2] + length * along)
-        is_hit.append(not met.is_empty)
-    return Scan(0.0, at, at[:2], np.array(ends), np.array(is_hit), np.full(len(ANGLES), 0.01))
+    rays = shapely.linestrings(np.stack((np.broadcast_to(at[:2], along.shape), at[:2] + RANGE_M * along), axis=1))
+    met_m = shapely.distance(shapely.intersection(borders, rays), Point(at[:2]))
+    is_hit = ~np.isnan(met_m)
+    lengths = np.where(is_hit, met_m + noise, RANGE_M)
+    return Scan(0.0, at, at[:2], at[:2] + lengths[:, None] * along, is_hit, np.full(len(ANGLES), 0.01))
 
 
 class Robot:
@@ -96,7 +94,7 @@ def is_free(things: Sequence[BaseGeometry], at: Frame = AT) -> bool:
     return all(thing.distance(Point(at[:2])) > RADIUS_M for thing in things)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=12)
 @given(st.lists(BOXES, max_size=3), st.lists(BOXES, max_size=3), NOISE)
 def test_what_is_known_is_no_thing_and_what_rays_pass_goes(
     known: list[Polygon], unknown: list[Polygon], noise: Floats
@@ -126,7 +124,7 @@ def test_what_is_known_is_no_thing_and_what_rays_pass_goes(
     assert not robot.look(scan_of(known), 6)  # somebody takes them away
 
 
-@settings(deadline=None, max_examples=20)
+@settings(deadline=None, max_examples=8)
 @given(st.lists(st.tuples(COORDINATES, COORDINATES), min_size=1, max_size=60), st.integers(0, 1000))
 def test_their_number_is_bounded_and_numbers_stay(spots: list[tuple[float, float]], seed: int) -> None:
     """Echoes anywhere, as many as there are rays, in each of some scans."""

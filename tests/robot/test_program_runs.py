@@ -6,6 +6,7 @@ is the same. A program's say icon lets something happen at the same time, as if 
 from __future__ import annotations
 
 import contextlib
+import functools
 import json
 import threading
 from collections.abc import Callable, Generator, Sequence
@@ -506,7 +507,10 @@ def check(program: Program, state: object) -> CheckReport:
 
 
 def loaded(program: Plain) -> Program:
-    return loads(json.dumps(program))
+    return _read(json.dumps(program))
+
+
+_read = functools.lru_cache(loads)
 
 
 def accepts(order: Callable[[], object]) -> bool:
@@ -674,4 +678,4 @@ class Runs(RuleBasedStateMachine):
 
 
 TestRuns = Runs.TestCase
-TestRuns.settings = settings(deadline=None, max_examples=25, stateful_step_count=30)
+TestRuns.settings = settings(deadline=None, max_examples=12, stateful_step_count=30)

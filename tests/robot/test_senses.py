@@ -27,14 +27,6 @@ from tests.simulation.places import tower
 RING = RAY_SENSORS["proximity"].rays
 
 
-def test_the_papers_ring_has_a_ray_for_each_name() -> None:
-    laser, ring = usual_sensors()
-    senses = Measured((laser, np.linspace(8.0, 2.0, 181)), (ring, np.arange(1.0, 9.0) / 10.0))
-    assert [nearest_m(senses, name) for name in RING] == pytest.approx(np.arange(1.0, 9.0) / 10.0)
-    assert [nearest_m(senses, name) for name in ("laser", "proximity")] == pytest.approx([2.0, 0.1])
-    assert program_ranges_m(senses) == {"laser": 8.0, **dict.fromkeys(("proximity", *RING), 1.0)}
-
-
 @given(
     st.floats(-math.pi, math.pi),
     st.floats(0.01, math.pi / 4),
@@ -63,7 +55,12 @@ def test_a_ring_of_any_rays_is_named_by_where_they_point(
     assert nearest_m(senses, "proximity") == distances.min()
 
 
-def test_what_a_robot_lacks_is_named_with_what_it_has() -> None:
+def test_the_papers_ring_has_a_ray_for_each_name_and_what_a_robot_lacks_is_named() -> None:
+    laser, ring = usual_sensors()
+    senses = Measured((laser, np.linspace(8.0, 2.0, 181)), (ring, np.arange(1.0, 9.0) / 10.0))
+    assert [nearest_m(senses, name) for name in RING] == pytest.approx(np.arange(1.0, 9.0) / 10.0)
+    assert [nearest_m(senses, name) for name in ("laser", "proximity")] == pytest.approx([2.0, 0.1])
+    assert program_ranges_m(senses) == {"laser": 8.0, **dict.fromkeys(("proximity", *RING), 1.0)}
     sonar = RangeSensor("sonar", Mount(), ScanSpec(Fan(0.0, 1.0, 1, 3.0)))
     only_ahead = RangeSensor("proximity", Mount(), ScanSpec(Fan(0.0, 1.0, 1, 0.5)))
     for senses, name, known in (

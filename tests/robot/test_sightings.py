@@ -45,15 +45,12 @@ def test_news_are_published_at_once_and_all_of_it_again_after_a_while() -> None:
     assert len(published(*(seen(number) for number in range(MAX_SEEN + 5))) or ()) == MAX_SEEN
 
 
-def test_what_could_not_be_published_is_published_later() -> None:
+def test_what_could_not_be_published_is_published_later_and_a_thing_with_its_age() -> None:
     publish = MagicMock(side_effect=[NotReachable("no channel"), None])
     report = SightingReport(lambda: [seen(1)], publish, Clock())
     report.update()
     report.update()
     assert seen_of(msgspec.to_builtins(publish.call_args[0][0])) == (seen(1),)
-
-
-def test_a_thing_is_published_with_its_age() -> None:
     outline = np.array([[1.0, 2.0], [2.0, 2.0], [1.5, 2.5]])
     thing = SeenThing(7, "L1", outline, (1.5, 2.2), 0.9, 100.0, 103.0)
     (found,) = seen_obstacles([thing], 104.0)

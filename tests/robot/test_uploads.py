@@ -185,10 +185,10 @@ def plain(report: RunReport) -> Run:
 
 
 TestLife = Life.TestCase
-TestLife.settings = settings(max_examples=30, stateful_step_count=25, deadline=None)
+TestLife.settings = settings(max_examples=12, stateful_step_count=20, deadline=None)
 
 
-def test_pages_limits_and_other_files(tmp_path: Path) -> None:
+def test_pages_limits_other_files_and_a_program_of_another_release(tmp_path: Path) -> None:
     done = ProgramReport("one", ProgramResult.DONE)
     with RecordFile(tmp_path / "a.sqlite", IDENTITY, 1) as records:
         uploads = Uploads(records)
@@ -205,9 +205,6 @@ def test_pages_limits_and_other_files(tmp_path: Path) -> None:
             assert uploads.reports(other)[0][0].number == 6
     with RecordFile(tmp_path / "a.sqlite", IDENTITY, 1) as records:
         assert Uploads(records).reports(following) == ([], following)
-
-
-def test_a_program_of_another_release_is_not_run(tmp_path: Path) -> None:
     with RecordFile(tmp_path / "a.sqlite", IDENTITY, 1) as records:
         Uploads(records).keep('{"name": "x", "icons": [{"icon": "fly"}]}', "")
         assert Uploads(records).program is None
@@ -228,16 +225,6 @@ def test_a_fingerprint_names_what_differs() -> None:
             here.require(other)
         assert raised.value.part == part
     assert str(raised.value).endswith("check it again")
-
-
-def test_an_agent_elsewhere_keeps_nothing() -> None:
-    desk = CheckedPrograms(Agent(), lambda: ("tower", 1))  # type: ignore[arg-type]
-    text = dumps(PROGRAMS[0])
-    with pytest.raises(IllegalOrder, match="--agent-only"):
-        desk.upload(text, str(desk.fingerprint(text)))
-    assert desk.reports("1.2") == ([], "1.2")
-    with pytest.raises(InvalidProgram):
-        desk.fingerprint("{}")
 
 
 @pytest.mark.parametrize(
@@ -278,7 +265,14 @@ def test_what_a_robot_can_do_by_itself_is_not_refused() -> None:
     assert check_without_servers(program, "L1", has_channel=False).findings == ()
 
 
-def test_an_agent_alone_refuses_the_perception_that_it_lacks() -> None:
+def test_an_agent_elsewhere_keeps_nothing_and_one_alone_refuses_the_perception_that_it_lacks() -> None:
+    desk = CheckedPrograms(Agent(), lambda: ("tower", 1))  # type: ignore[arg-type]
+    text = dumps(PROGRAMS[0])
+    with pytest.raises(IllegalOrder, match="--agent-only"):
+        desk.upload(text, str(desk.fingerprint(text)))
+    assert desk.reports("1.2") == ([], "1.2")
+    with pytest.raises(InvalidProgram):
+        desk.fingerprint("{}")
     with pytest.raises(InvalidSetting, match="--perceive"):
         RobotSettings.read(["A", "--agent-only", "--perceive", "sensors"])
     assert RobotSettings.read(["A", "--agent-only"]).is_agent_only

@@ -37,7 +37,19 @@ def areas(found: TemporaryObstacles) -> list[Polygon]:
     return [Polygon(corners) for _, corners in found.forbidden_areas]
 
 
-def test_stationary_robots_and_present_poses_of_objects_without_the_held_one() -> None:
+def test_robots_and_goals_are_outside_the_area_of_a_near_robot_whose_full_size_is_known() -> None:
+    seen = seen_by_a(1.83)
+    near, *_ = areas(seen.temporary_obstacles())
+    assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
+    (parked,) = areas(seen.parked_robots())
+    assert seen.parked_robots().names == ("B",)
+    assert parked.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M).area, rel=0.05)
+    near, *_ = areas(seen_by_a(4.0).temporary_obstacles(goal=(7.0, 4.85)))
+    assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
+    assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # the clearance of paths
+
+
+def test_stationary_robots_and_objects_without_the_held_one_and_too_many_are_left_to_the_map() -> None:
     seen = seen_by_a(3.0)
     found = seen.temporary_obstacles()
     disc, table = areas(found)
@@ -51,21 +63,6 @@ def test_stationary_robots_and_present_poses_of_objects_without_the_held_one() -
     assert seen.movable_objects("T1") == TemporaryObstacles((), ("L1",))
     nobody = seen_by_a(3.0, "nobody")
     assert nobody.temporary_obstacles() == nobody.movable_objects() == TemporaryObstacles()
-
-
-def test_robots_and_goals_are_outside_the_area_of_a_near_robot_whose_full_size_is_known() -> None:
-    seen = seen_by_a(1.83)
-    near, *_ = areas(seen.temporary_obstacles())
-    assert near.distance(Point(7.0, 1.0)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
-    (parked,) = areas(seen.parked_robots())
-    assert seen.parked_robots().names == ("B",)
-    assert parked.area == pytest.approx(Point(0.0, 0.0).buffer(RADIUS_M).area, rel=0.05)
-    near, *_ = areas(seen_by_a(4.0).temporary_obstacles(goal=(7.0, 4.85)))
-    assert near.distance(Point(7.0, 4.85)) >= RADIUS_M + MIN_CLEARANCE_M - 1e-6
-    assert near.contains(Point(7.0, 4.0).buffer(0.42 - PATH_CLEARANCES_M[0]))  # the clearance of paths
-
-
-def test_too_many_objects_are_left_to_the_map() -> None:
     found = seen_by_a(3.0, policy=GivingWayPolicy(max_objects=0)).temporary_obstacles()
     assert (len(found.forbidden_areas), found.without_movables) == (1, ())
 

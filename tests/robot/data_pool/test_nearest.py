@@ -66,7 +66,7 @@ def check(place: Place, pool: DataPool, x: float, y: float) -> None:
 coordinates = st.floats(-2.0, 12.0)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(coordinates, coordinates, st.integers(0, 3))
 def test_the_nearest_obstacle_agrees_with_shapely(x: float, y: float, moved: int) -> None:
     place = SCENES[moved]
@@ -120,7 +120,7 @@ def test_an_empty_floor_has_no_obstacles_and_a_wall_far_away_is_found() -> None:
     assert pool.snapshot().nearest_non_robot(1e6, 0.0) == (1e6 - 1.0, 1.0, 0.0, "W")
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(coordinates, coordinates, st.floats(0.0, 8.0), st.sampled_from(["", "R1"]))
 def test_robots_near(x: float, y: float, range_m: float, own_name: str) -> None:
     place = SCENES[1]

@@ -20,7 +20,7 @@ def blob(size: int) -> bytes:
     return bytes([0xC6, *(size - 5).to_bytes(4, "big")]) + bytes(size - 5)
 
 
-def test_a_plan_is_kept_in_versions() -> None:
+def test_a_plan_is_kept_in_versions_and_a_stale_one_is_not_overwritten() -> None:
     plans = Plans()
     assert plans.all() == []
     assert plans.put("move table", CONTENT) == 1
@@ -33,9 +33,6 @@ def test_a_plan_is_kept_in_versions() -> None:
     for call in (plans.get, plans.remove):
         with pytest.raises(UnknownPlan, match="'fetch'"):
             call("fetch")
-
-
-def test_a_stale_version_is_not_overwritten() -> None:
     plans = Plans()
     plans.put("p", CONTENT)
     for expected in (0, 2, -1):

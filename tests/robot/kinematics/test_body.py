@@ -15,7 +15,7 @@ from .postures import HOME, X, Y, Z, anywhere, at, shift, turn
 
 
 def test_hands_against_a_product_of_matrices(body: SmartPalBody) -> None:
-    for joints in [HOME, *anywhere(300, 3)]:
+    for joints in [HOME, *anywhere(60, 3)]:
         for side in Side:
             assert body.hand(side, joints).distance(by_matrices(side, joints)) == pytest.approx((0, 0), abs=1e-9)
 
@@ -60,7 +60,7 @@ def test_what_runs_into_what(body: SmartPalBody, degrees: dict[str, float], pair
 
 
 def test_poses_there_and_back_and_how_far_they_are_apart(body: SmartPalBody) -> None:
-    for joints in anywhere(200, 4):
+    for joints in anywhere(60, 4):
         pose = body.hand(Side.LEFT, joints)
         assert HandPose.of(pose.position, pose.rotation).distance(pose) == pytest.approx((0, 0), abs=1e-7)
         ahead = pose.moved(0.1)

@@ -30,7 +30,7 @@ READY = at()
 READY[ARM[Side.LEFT]] = READY[ARM[Side.RIGHT]] = POSTURES["ready"]
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(SIDES, SEEDS)
 def test_where_a_hand_can_be_it_gets_also_without_an_attitude(side: Side, seed: int) -> None:
     truth = HOME.copy()
@@ -49,7 +49,7 @@ def test_where_a_hand_can_be_it_gets_also_without_an_attitude(side: Side, seed: 
 def test_nearly_all_poses_of_clear_postures_are_reached_clear() -> None:
     for side in Side:
         solved = asked = 0
-        for joints in anywhere(200, 11):
+        for joints in anywhere(70, 11):
             truth = HOME.copy()
             truth[ARM[side]] = joints[ARM[side]]
             if BODY.collisions(truth):
@@ -62,7 +62,7 @@ def test_nearly_all_poses_of_clear_postures_are_reached_clear() -> None:
             assert is_at(side, found, BODY.hand(side, truth))
             assert BODY.collisions(found) == []
             solved += 1
-        assert asked > 150
+        assert asked > 50
         assert solved >= 0.99 * asked
 
 
@@ -132,16 +132,20 @@ def test_awkward_seeds() -> None:
         assert is_at(Side.LEFT, INVERSE.solve({Side.LEFT: target}, seed), target)
 
 
-def test_the_seed_is_left_alone_and_the_answer_always_the_same() -> None:
+def test_the_seed_is_left_alone_the_answer_the_same_and_without_restarts_no_other_is_tried() -> None:
     seed = READY.copy()
     target = BODY.hand(Side.LEFT, anywhere(1, 5)[0] * np.array([1] * 14 + [0] * 4))
     first = INVERSE.solve({Side.LEFT: target}, seed)
     assert np.array_equal(seed, READY)
     assert np.array_equal(first, InverseKinematics().solve({Side.LEFT: target}, seed))
+    goals = [BODY.hand(Side.LEFT, joints) for joints in anywhere(30, 6)]
+    with pytest.raises(Unreachable):
+        for goal in goals:
+            INVERSE.solve({Side.LEFT: goal}, HOME, allow_restarts=False, avoid_collisions=False)
 
 
-def test_a_hand_led_along_a_line_goes_in_small_steps() -> None:
-    """4.6 mm a step: no joint leaps, and the elbow does not wander where the hand stands."""
+def test_a_hand_led_along_a_line_goes_in_small_steps_and_an_arm_left_free_bends_at_ease() -> None:
+    # 4.6 mm a step: no joint leaps, and the elbow does not wander where the hand stands.
     joints, start = READY, BODY.hand(Side.LEFT, READY)
     for step in range(1, 31):
         target = start._replace(x=start.x + 0.004 * step, z=start.z + 0.002 * step, y=start.y - 0.001 * step)
@@ -150,17 +154,7 @@ def test_a_hand_led_along_a_line_goes_in_small_steps() -> None:
         assert is_at(Side.LEFT, led, target)
         joints = led
     assert np.abs(INVERSE.solve({Side.LEFT: target}, joints, allow_restarts=False) - joints).max() < 1e-4
-
-
-def test_without_restarts_only_the_seed_is_tried() -> None:
-    goals = [BODY.hand(Side.LEFT, joints) for joints in anywhere(30, 6)]
-    with pytest.raises(Unreachable):
-        for goal in goals:
-            INVERSE.solve({Side.LEFT: goal}, HOME, allow_restarts=False, avoid_collisions=False)
-
-
-def test_an_arm_left_free_bends_at_ease() -> None:
-    """Redundant joints end away from their limits where the target leaves it open."""
+    # Redundant joints end away from their limits where the target leaves it open.
     found = INVERSE.solve({Side.LEFT: BODY.hand(Side.LEFT, READY)}, at(left_3=-60, left_5=60, left_4=60))
     room = np.minimum(found - JOINT_LOWER, JOINT_UPPER - found)[ARM[Side.LEFT]]
     assert room.min() > math.radians(5)

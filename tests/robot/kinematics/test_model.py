@@ -46,7 +46,7 @@ def test_its_joints_are_the_robots_with_their_limits(model: mujoco.MjModel, of_u
             assert each.joint(name).type == mujoco.mjtJoint.mjJNT_HINGE
 
 
-def test_mass_height_and_footprint(model: mujoco.MjModel, standing: mujoco.MjData) -> None:
+def test_mass_height_footprint_and_sensors_that_look_outwards(model: mujoco.MjModel, standing: mujoco.MjData) -> None:
     assert model.body_mass.sum() == pytest.approx(MASS_KG)
     corners = np.array([corner for geom in range(model.ngeom) for corner in _corners(model, standing, geom)])
     assert corners[:, 2].max() == pytest.approx(1.325)
@@ -54,9 +54,6 @@ def test_mass_height_and_footprint(model: mujoco.MjModel, standing: mujoco.MjDat
     assert base.min(axis=0)[:2] == pytest.approx([-0.376, -0.2775])
     assert base.max(axis=0)[:2] == pytest.approx([0.237, 0.2775])
     assert corners[:, 2].min() >= 0.0
-
-
-def test_sensors_look_outwards(standing: mujoco.MjData) -> None:
     assert standing.site("laser").xmat.reshape(3, 3) == pytest.approx(np.eye(3))
     middle = np.array([(-0.376 + 0.237) / 2, 0.0])
     for number in range(1, 9):
@@ -71,21 +68,21 @@ def test_links_collide_as_those_of_mujoco(body: SmartPalBody, model: mujoco.MjMo
     data, rows = mujoco.MjData(model), [model.joint(name).qposadr[0] for name in JOINTS]
     owner = [model.body(number).name for number in model.geom_bodyid]
     counts = []
-    for joints in anywhere(1000, 8):
+    for joints in anywhere(300, 8):
         data.qpos[rows] = joints
         mujoco.mj_kinematics(model, data)
         mujoco.mj_collision(model, data)
         deep = {tuple(owner[geom] for geom in contact.geom) for contact in data.contact if contact.dist < -1e-4}
         assert set(body.collisions(joints)) == deep
         counts.append(len(deep))
-    assert sum(map(bool, counts)) > 100
+    assert sum(map(bool, counts)) > 30
 
 
 def test_its_joints_are_strong_enough(of_urdf: mujoco.MjModel) -> None:
     """For their acceleration against more than the robot's weight, as the file says it."""
     data, inertia = mujoco.MjData(of_urdf), np.zeros((of_urdf.nv, of_urdf.nv))
     acceleration = [JOINT_ACCELERATION[JOINTS.index(of_urdf.joint(row).name)] for row in range(of_urdf.njnt)]
-    for joints in anywhere(500, 8):
+    for joints in anywhere(200, 8):
         data.qpos = [joints[JOINTS.index(of_urdf.joint(row).name)] for row in range(of_urdf.njnt)]
         mujoco.mj_forward(of_urdf, data)
         mujoco.mj_fullM(of_urdf, data, inertia)
@@ -95,7 +92,7 @@ def test_its_joints_are_strong_enough(of_urdf: mujoco.MjModel) -> None:
 
 @pytest.mark.parametrize("base", [(3.0, -2.0, 2.5), (-1.0, 4.0, -math.pi)])
 def test_links_are_in_the_frame_of_the_building(body: SmartPalBody, base: tuple[float, float, float]) -> None:
-    for joints in anywhere(20, 8):
+    for joints in anywhere(5, 8):
         found = body.links_at(base, joints)
         assert next(iter(found)) == "base" and found["base"][0] == pytest.approx([*base[:2], 0.0])
         expected = links_by_urdf(base, joints)
@@ -105,14 +102,11 @@ def test_links_are_in_the_frame_of_the_building(body: SmartPalBody, base: tuple[
             assert abs(found[name][1] @ attitude) == pytest.approx(1.0, abs=1e-9), name
 
 
-def test_its_mass_and_its_looks_are_the_robots() -> None:
+def test_the_command_writes_the_file_with_its_mass_and_its_looks(tmp_path: Path) -> None:
     robot = ElementTree.fromstring(urdf())
     masses = [float(mass.get("value", "")) for mass in robot.iter("mass")]
     assert sum(masses) == pytest.approx(MASS_KG) and min(masses) > 0
     assert {material.get("name") for material in robot.findall("link/visual/material")} == set(PAINTS)
-
-
-def test_the_command_writes_the_file(tmp_path: Path) -> None:
     file = tmp_path / "smartpal.urdf"
     assert CliRunner().invoke(command(), ["robot-model", "urdf", str(file)]).exit_code == 0
     assert file.read_text() == urdf()

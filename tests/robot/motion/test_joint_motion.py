@@ -61,7 +61,7 @@ def moving(waypoints: list[Floats], seconds: float = 0.0) -> JointMotion:
     return JointMotion(np.array(waypoints), JOINTS, JOINT_SPEED, JOINT_ACCELERATION, seconds)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=6)
 @given(POSTURES, st.lists(POSTURES, min_size=1, max_size=4))
 def test_any_motion_keeps_the_limits(begin: Floats, waypoints: list[Floats]) -> None:
     arms = Arms(begin)
@@ -72,7 +72,7 @@ def test_any_motion_keeps_the_limits(begin: Floats, waypoints: list[Floats]) -> 
     assert (np.abs(np.diff(track, axis=0)) <= JOINT_SPEED * TICK_S + 1e-9).all()
 
 
-@settings(deadline=None, max_examples=40)
+@settings(deadline=None, max_examples=20)
 @given(POSTURES, POSTURES, st.floats(0.0, 5.0))
 def test_a_motion_keeps_accelerations_and_its_duration(begin: Floats, end: Floats, seconds: float) -> None:
     assume(not np.array_equal(begin, end))

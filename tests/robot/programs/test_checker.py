@@ -180,11 +180,6 @@ def test_what_is_known_of_arms_and_base(icons: tuple[Icon, ...], unknown: list[s
     assert (wrong(report), notes(report)) == ([], unknown)
 
 
-def test_what_fails_in_the_second_round_is_found(checking: Checking) -> None:
-    report = checking(READY, Repeat(2, (MhandOffset("left", dx=0.15),)))
-    assert wrong(report) == [("icons[1].icons[0]", "dx, dy, dz")]
-
-
 def test_a_hand_is_judged_from_the_joints_that_the_robot_has_and_leaves_them(checking: Checking) -> None:
     joints = home()
     joints[:7] = THROUGH_THE_BODY
@@ -202,13 +197,10 @@ def test_a_robot_without_such_arms_has_a_finding(joints: Floats, checking: Check
     assert checking(Wait(1.0), start=Start(joints=joints)).is_valid
 
 
-def test_without_a_robot_model_the_arms_are_not_checked() -> None:
+def test_a_check_without_a_robot_model_notes_it_and_one_of_deep_repeats_ends_soon() -> None:
     report = check(program(MhandPose("left", 2.0, 2.0, 2.0)))
     assert report.is_valid
     assert any("no robot model" in note.what for note in report.notes)
-
-
-def test_a_check_ends_soon_also_where_repeats_are_deep() -> None:
     icons: tuple[Icon, ...] = ()
     for _ in range(7):
         icons = (Repeat(1000, (MbaseBy(ahead=0.1), *icons, *[MbaseBy(turn=0.1)] * 120)),)
@@ -216,7 +208,9 @@ def test_a_check_ends_soon_also_where_repeats_are_deep() -> None:
     assert any(str(MAX_ICONS_CHECKED) in note.what for note in report.notes)
 
 
-def test_a_start_that_is_not_free_is_found_by_the_icon_that_leaves_it(checking: Checking) -> None:
+def test_what_fails_in_the_second_round_and_a_start_that_is_not_free_are_found(checking: Checking) -> None:
+    report = checking(READY, Repeat(2, (MhandOffset("left", dx=0.15),)))
+    assert wrong(report) == [("icons[1].icons[0]", "dx, dy, dz")]
     report = checking(MbasePath("L3", 21.25, 5.0), start=Start(Place("L1", 0.1, 4.0)))
     assert wrong(report) == [("icons[0]", "")]
     assert "start L1" in report.findings[0].reason
@@ -254,14 +248,11 @@ def test_a_robot_at_a_target_is_noted(checking: Checking) -> None:
     assert [(note.icon, note.what) for note in report.notes if note.icon] == [("icons[0]", there), ("icons[1]", there)]
 
 
-def test_what_the_program_itself_moves_blocks_no_later_drive(checking: Checking) -> None:
+def test_what_the_program_itself_moves_or_the_robot_touches_blocks_no_drive(checking: Checking) -> None:
     carry, drive = MoveTable("table 1", Destination("L1", 20, 4)), MbasePath("L1", 17, 2)
     assert checking(carry, drive, start=moved_to(17, 2)).is_valid
     assert checking(Gripper("left", "close"), drive, start=moved_to(17, 2)).is_valid
     assert wrong(checking(carry, drive, start=moved_to(17, 2, name="other"))) == [("icons[1]", "x, y")]
-
-
-def test_a_robot_that_touches_an_object_may_leave_it(checking: Checking) -> None:
     assert checking(MbasePath("L1", 17, 6), start=moved_to(17, 4 - 0.6 - 0.395)).is_valid
     assert wrong(checking(MbasePath("L1", 17, 6), start=moved_to(17, 3.2))) == [("icons[0]", "")]
 

@@ -40,16 +40,13 @@ def test_the_tables_tell_what_the_code_does(kinds: dict[str, Any], tag: str) -> 
     assert wanted in DOC, f"docs/programs.md needs this table:\n{wanted}"
 
 
-def test_every_sensor_and_posture_is_named() -> None:
-    for name in (*get_args(Sensor), *POSTURES):
-        assert f"`{name}`" in DOC
-
-
 def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", DOC, re.DOTALL)
 
 
-def test_the_file_in_the_manual_is_a_program() -> None:
+def test_every_sensor_and_posture_is_named_and_the_file_is_a_program() -> None:
+    for name in (*get_args(Sensor), *POSTURES):
+        assert f"`{name}`" in DOC
     (text,) = blocks("json")
     assert loads(dumps(loads(text))) == loads(text)
     assert json_schema.problems(SCHEMA, json.loads(text)) == []

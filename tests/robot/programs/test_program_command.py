@@ -61,11 +61,6 @@ def test_a_file_that_is_no_program(command: str) -> None:
     assert f"robocorba program {command}: none.json: No such file" in result.output
 
 
-def test_the_standard_input_is_a_file_too() -> None:
-    assert robocorba_program("show", "-", input=Path("fetch.json").read_text()).exit_code == 0
-    assert "-: not JSON" in robocorba_program("show", "-", input="nonsense").output
-
-
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
@@ -90,5 +85,7 @@ def test_show_prints_every_icon_with_its_parameters() -> None:
     assert "otherwise" in lines[6] and "otherwise[0] wait seconds=1" in lines[7]
 
 
-def test_schema_prints_the_schema() -> None:
+def test_the_standard_input_is_a_file_too_and_schema_prints_the_schema() -> None:
+    assert robocorba_program("show", "-", input=Path("fetch.json").read_text()).exit_code == 0
+    assert "-: not JSON" in robocorba_program("show", "-", input="nonsense").output
     assert json.loads(robocorba_program("schema").output) == schema()

@@ -103,5 +103,5 @@ class AnyOrders(RuleBasedStateMachine):
                 assert unit.may_move() is not ReturnCode.OK
 
 
-AnyOrders.TestCase.settings = settings(max_examples=15, stateful_step_count=25, deadline=None)
+AnyOrders.TestCase.settings = settings(max_examples=8, stateful_step_count=25, deadline=None)
 TestAnyOrders = AnyOrders.TestCase

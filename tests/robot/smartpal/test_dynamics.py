@@ -33,15 +33,12 @@ def steps(dynamics: Dynamics, seconds: float) -> None:
         dynamics.step()
 
 
-def test_it_weighs_what_the_robot_weighs_and_holds_its_posture() -> None:
+def test_it_weighs_what_the_robot_weighs_holds_its_posture_and_follows_with_lag() -> None:
     dynamics = Dynamics()
     assert dynamics.mass_kg == pytest.approx(MASS_KG)
     dynamics.joints[ARM[Side.LEFT]] = np.radians([60, -40, 10, 60, 0, 0, 0])
     steps(dynamics, 1.0)
     assert np.abs(dynamics.state.true_joints - dynamics.joints).max() < 1e-3
-
-
-def test_joints_follow_with_lag() -> None:
     dynamics = Dynamics()
     dynamics.joint_velocities[0] = 0.5
     for _ in range(500):

@@ -63,7 +63,9 @@ def units(notes: Notes) -> RemoteSmartPalUnits:
     return RemoteSmartPalUnits(notes, HERE)  # type: ignore[arg-type]
 
 
-def test_what_is_told_is_in_millimetres_and_degrees(notes: Notes, units: RemoteSmartPalUnits) -> None:
+def test_what_is_told_is_in_millimetres_and_degrees_and_what_is_read_in_metres_and_radians(
+    notes: Notes, units: RemoteSmartPalUnits
+) -> None:
     units.set_pose(1.5, -2.0, math.pi / 2)
     units.set_base_limits(1.0, math.radians(100), 0.5, math.radians(50))
     units.jog_base(0.3, -0.1, math.radians(20))
@@ -86,9 +88,6 @@ def test_what_is_told_is_in_millimetres_and_degrees(notes: Notes, units: RemoteS
     assert {call[2] for call in notes.calls[len(expected) :]} == {500}
     units.set_jog_timeout(0.12)
     assert {call[2] for call in notes.calls[-3:]} == {120}
-
-
-def test_what_is_read_is_in_metres_and_radians(notes: Notes, units: RemoteSmartPalUnits) -> None:
     notes.answers = {
         ("Mobility.Unit", "getPosition"): (True, 1500.0, -250.0, 180.0),
         ("MnpL", "getFeedbackPos"): (0, [90.0, 0, 0, 0, 0, 0, -90.0]),

@@ -201,17 +201,6 @@ def test_a_unit_pauses_and_resumes_and_its_stop_forgets_what_waits(name: str, is
 # ---- the mobile base ----
 
 
-def test_answers_while_it_moves() -> None:
-    robot = ready()
-    base = robot.mobility
-    assert base.move_by(500.0, 0.0, 0.0) is OK
-    run(robot, 0.3)
-    for order in (base.move_by, base.jog, base.set_position):
-        assert order(1.0, 0.0, 0.0) is WRONG
-    assert base.pause() is OK and base.mobility_state is MobilityState.PAUSED
-    assert base.move_by(1.0, 0.0, 0.0, is_continuous=True) is WRONG
-
-
 @pytest.mark.parametrize(
     ("order", "place"),
     [
@@ -238,7 +227,15 @@ def test_ways_end_where_they_shall(order: Callable[[Mobility], Any], place: tupl
     assert abs(math.remainder(theta - place[2], 360.0)) < 0.2
 
 
-def test_at_power_up_it_is_slow() -> None:
+def test_answers_while_it_moves_and_at_power_up_it_is_slow() -> None:
+    robot = ready()
+    base = robot.mobility
+    assert base.move_by(500.0, 0.0, 0.0) is OK
+    run(robot, 0.3)
+    for order in (base.move_by, base.jog, base.set_position):
+        assert order(1.0, 0.0, 0.0) is WRONG
+    assert base.pause() is OK and base.mobility_state is MobilityState.PAUSED
+    assert base.move_by(1.0, 0.0, 0.0, is_continuous=True) is WRONG
     robot = ready(is_fast=False)
     robot.mobility.jog(1000.0, 0.0, 0.0)
     run(robot, 0.15)
@@ -247,7 +244,7 @@ def test_at_power_up_it_is_slow() -> None:
     assert speed(robot) == pytest.approx(0.1, abs=0.005)
 
 
-def test_a_jog_is_in_the_base_s_own_frame_and_ends_with_its_time() -> None:
+def test_a_jog_of_the_base_ends_with_its_time_and_a_continuous_way_has_no_halt() -> None:
     robot = ready()
     base = robot.mobility
     assert base.set_position(0.0, 0.0, 90.0) is OK and base.set_jog_timeout(100) is OK
@@ -259,9 +256,6 @@ def test_a_jog_is_in_the_base_s_own_frame_and_ends_with_its_time() -> None:
     assert speed(robot) < 0.005
     assert base.mobility_state is MobilityState.READY
     assert abs(base.position[0]) < 2.0 and base.position[1] > 75.0
-
-
-def test_a_continuous_way_takes_the_place_of_another_without_a_halt() -> None:
     robot = ready()
     assert robot.mobility.move_by(400.0, 0.0, 0.0) is OK
     run(robot, 0.4)
@@ -354,7 +348,7 @@ def test_a_base_that_is_held_fast_is_stuck_and_does_not_leap_when_it_is_free() -
 # ---- the arms ----
 
 
-def test_motions_wait_their_turn_and_the_queue_is_bounded() -> None:
+def test_motions_wait_their_turn_in_a_bounded_queue_and_joints_end_together() -> None:
     arm, robot = arm_and_robot()
     for _ in range(MAX_MOTIONS):
         assert arm.move_joints([1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], 60.0, is_relative=True) is OK
@@ -365,9 +359,6 @@ def test_motions_wait_their_turn_and_the_queue_is_bounded() -> None:
     assert arm.set_control_point_offset([0.0] * 6) is WRONG
     settle(robot)
     assert arm.feedback == pytest.approx([32.0, 0.0, 0.0, 32.0, 0.0, 0.0, 0.0], abs=0.05)
-
-
-def test_joints_end_together_at_the_speed_that_was_asked_for() -> None:
     arm, robot = arm_and_robot()
     assert arm.set_joint_acceleration(500) is OK
     assert arm.move_joints([60.0, -30.0, 0.0, 30.0, 0.0, 0.0, 0.0], 45.0) is OK
@@ -399,17 +390,6 @@ def test_a_line_is_straight_and_ends_where_it_shall(side: Side) -> None:
     assert end[6] == pytest.approx(start[6] + 10.0, abs=0.3)
 
 
-def test_frames_of_lines() -> None:
-    arm, _ = arm_and_robot(True)
-    start = arm.control_point(arm.command)
-    ahead = HandPose(0.0, 0.0, 0.0, *np.radians(start[3:6])).rotation[:, 0]  # x of the hand
-    assert arm.move_line(True, [50.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0, (100.0, 60.0)) is OK
-    assert arm.move_line(False, [0.0, 0.0, 30.0, 0.0, 0.0, 0.0], 0.0, (100.0, 60.0), is_relative=True) is OK
-    end = arm.control_point(np.degrees(arm._end).tolist())
-    assert end[:3] == pytest.approx(np.array(start[:3]) + 50.0 * ahead + (0.0, 0.0, 30.0), abs=0.05)
-    assert end[3:] == pytest.approx(start[3:], abs=0.05)
-
-
 def test_a_line_that_no_joint_can_follow_as_fast_is_slower() -> None:
     arm, robot = arm_and_robot(True)
     start = arm.control_point(arm.command)
@@ -422,7 +402,15 @@ def test_a_line_that_no_joint_can_follow_as_fast_is_slower() -> None:
         assert np.abs(robot.dynamics.joint_velocities[ARM[Side.LEFT]]).max() <= math.radians(90.0) * 1.01
 
 
-def test_the_control_point_can_be_moved() -> None:
+def test_frames_of_lines_and_a_control_point_that_is_moved() -> None:
+    arm, _ = arm_and_robot(True)
+    start = arm.control_point(arm.command)
+    ahead = HandPose(0.0, 0.0, 0.0, *np.radians(start[3:6])).rotation[:, 0]  # x of the hand
+    assert arm.move_line(True, [50.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0, (100.0, 60.0)) is OK
+    assert arm.move_line(False, [0.0, 0.0, 30.0, 0.0, 0.0, 0.0], 0.0, (100.0, 60.0), is_relative=True) is OK
+    end = arm.control_point(np.degrees(arm._end).tolist())
+    assert end[:3] == pytest.approx(np.array(start[:3]) + 50.0 * ahead + (0.0, 0.0, 30.0), abs=0.05)
+    assert end[3:] == pytest.approx(start[3:], abs=0.05)
     arm, _ = arm_and_robot(True)
     before = np.array(arm.control_point(arm.command)[:3])
     assert arm.set_control_point_offset([100.0, 0.0, 0.0, 0.0, 0.0, 0.0]) is OK
@@ -446,7 +434,7 @@ def test_a_jog_of_an_arm_holds_for_its_time() -> None:
     assert abs(math.degrees(robot.dynamics.state.joint_velocities[0])) < 2.0
 
 
-def test_jogs_halt_at_limits() -> None:
+def test_jogs_halt_at_limits_and_an_arm_that_runs_into_the_body_is_stuck() -> None:
     arm, robot = arm_and_robot()
     for _ in range(250):
         assert arm.jog_joints([0.0, -60.0, 0.0, -60.0, 0.0, 60.0, -60.0]) is OK
@@ -455,9 +443,6 @@ def test_jogs_halt_at_limits() -> None:
         assert np.all(joints <= JOINT_UPPER[ARM[Side.LEFT]] + 0.003)
         assert np.all(joints >= JOINT_LOWER[ARM[Side.LEFT]] - 0.003)
     assert arm.feedback == pytest.approx([0.0, -109.5, 0.0, -1.5, 0.0, 44.0, -89.5], abs=0.1)
-
-
-def test_an_arm_that_runs_into_the_body_is_stuck() -> None:
     arm, robot = arm_and_robot()
     answers = repeat(robot, 100, lambda: arm.jog_joints([0.0, 30.0, 0.0, 0.0, 0.0, 0.0, -30.0]))
     assert (answers[0], answers[-1]) == (OK, WRONG)
