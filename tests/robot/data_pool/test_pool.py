@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import itertools
 import math
@@ -13,21 +12,16 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 from unittest.mock import MagicMock
 
-import hypothesis
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import NotReachable
-from robocorba.errors.simulation import PlaceTaken
 from robocorba.map_editor.model import MapObject, Wall
-from robocorba.map_editor.spatial.floor_update import WHOLE, Body, FloorView
-from robocorba.map_editor.spatial.pose import Pose
+from robocorba.map_editor.spatial.floor_update import WHOLE, Body
 from robocorba.robot.data_pool.pool import DataPool
 from robocorba.robot.data_pool.snapshot import MAX_UPDATES
-from robocorba.simulation.building import SimulatedBuilding
-from tests.robot.data_pool.places import Place, furnished, populated, same
+from tests.robot.data_pool.places import Place, populated, same
 from tests.simulation.places import robot
 
 
@@ -232,41 +226,6 @@ def test_readers_never_see_two_floors_at_once() -> None:
     assert same(pool, place)
 
 
-def is_followed(view: FloorView, pool: DataPool) -> bool:
-    """Whether a reader has the pool's content once it has got the changes since it read last."""
-    update = pool.snapshot().changes(view.version)
-    assert update.since == view.version
-    view.apply(update)
-    whole = FloorView(view.floor)
-    whole.apply(pool.snapshot().as_update())
-    assert (view.version, view.time, view.map_version) == (whole.version, whole.time, whole.map_version)
-    assert (view.bodies, view.elevators) == (whole.bodies, whole.elevators)
-    return np.array_equal(np.sort(view.motions, order="number"), np.sort(whole.motions, order="number"))
-
-
-def test_a_reader_follows_by_changes_however_seldom_it_asks() -> None:
-    place = populated("A", "B", "C")
-    world, pool, often, seldom = place.world, place.loaded_pool(), FloorView("L1"), FloorView("L1")
-    for view in (often, seldom):
-        view.apply(pool.snapshot().changes(WHOLE))
-    for happens in (
-        lambda: place.drive("A", 0.1),
-        lambda: world.remove("B"),
-        lambda: world.add(robot("D", x=5.0)),
-        lambda: world.place("C", Pose("L2", 2.0, 2.0, 0.0)),
-        lambda: world.place("C", Pose("L1", 2.0, 6.0, 0.0)),
-        lambda: world.place("T1", Pose("L1", 1.0, 8.0, 0.0)),
-        lambda: world.elevators.call("A", "E1", "L2"),
-        lambda: place.run(1.0),
-        lambda: world.remove("D"),
-    ):
-        happens()
-        world.refresh()
-        pool.follow()
-        assert is_followed(often, pool)
-    assert is_followed(seldom, pool)
-
-
 def test_only_what_moved_is_sent() -> None:
     place = populated("A", "B")
     pool = place.loaded_pool()
@@ -310,67 +269,3 @@ def test_an_unknown_version_gets_the_whole_floor_and_memory_of_updates_is_bounde
     assert len(now.recent) == MAX_UPDATES
     assert now.changes(first).since == WHOLE
     assert now.changes(now.recent[0].since).since == now.recent[0].since
-
-
-acts = st.lists(
-    st.tuples(
-        st.sampled_from(
-            ["add", "remove", "move", "drive", "run", "follow", "go", "away", "back", "restart", "call", "edit"]
-        ),
-        st.sampled_from("ABCD"),
-        st.integers(0, 3),
-    ),
-    max_size=50,
-)
-
-
-@hypothesis.settings(max_examples=35, deadline=None)
-@hypothesis.given(acts)
-def test_the_pool_equals_the_database_after_any_events(acts: list[tuple[str, str, int]]) -> None:
-    place = Place()
-    world, pool = place.world, place.pool("L1", "A")
-    for act, name, number in acts:
-        floor = ("L1", "L2")[number % 2]
-        world.refresh()
-        known = pool.snapshot()
-        if act == "add" and name not in world.occupants.robots:
-            with contextlib.suppress(PlaceTaken):
-                world.add(robot(name, floor, 4.0 + 1.0 * "ABCD".index(name), 1.0))
-        elif act == "remove" and name in world.occupants.robots:
-            world.remove(name)
-        elif act == "move" and name in world.occupants.robots:
-            with contextlib.suppress(PlaceTaken):
-                world.place(name, Pose(floor, 4.0 + 1.0 * "ABCD".index(name), 1.0, 0.0))
-        elif act == "drive" and name in world.occupants.robots:
-            world.occupants.robots[name].command(0.2 * number, 0.3 * (number - 1), 0.5, 0.5)
-        elif act == "run":
-            place.run(0.1 * number)
-        elif act == "call" and name in world.occupants.robots and name not in world.elevators.cabins["E1"].sessions:
-            world.elevators.call(name, "E1", ("L2", "L1")[world.occupants.robots[name].floor == "L2"])
-        elif act == "edit":
-            wall = Wall("W5", (9.0, 1.0 + number), (9.5, 4.0))
-            world.update(world.building.with_element(floor, wall))
-            if not place.is_editor_away:
-                pool.follow_map()
-        elif act in ("away", "back"):
-            place.is_away = place.is_editor_away = act == "away"
-        elif act == "restart":
-            if number == 3:  # another building, with other numbers for all bodies
-                world = place.world = SimulatedBuilding(furnished())
-                world.refresh()
-            place.start_again()
-        elif act == "follow":
-            pool.follow()
-            assert pool.snapshot() is known if place.is_away else same(pool, place)
-        elif act == "go" and floor != known.floor:
-            assert pool.change_floor(floor) != place.is_away
-            assert not pool.snapshot().is_known if place.is_away else same(pool, place)
-        assert not pool.snapshot().is_known or pool.snapshot().walls.floor == pool.floor  # type: ignore[union-attr]
-    place.is_away = place.is_editor_away = False
-    world.refresh()
-    pool.follow()
-    assert same(pool, place)
-    assert pool.problem == ""
-    assert {item.name for item in pool.snapshot().robots} == {
-        one.name for one in world.occupants.robots.values() if one.floor == pool.floor
-    }
