@@ -284,7 +284,7 @@ def named(*at: XY, elevator: str = "") -> tuple[PathNode, ...]:
     return tuple(PathNode(name=f"p{i}", at=place, elevator=elevator) for i, place in enumerate(at))
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=60)
 @given(building=floors(), at=st.lists(spots, max_size=6), radius=st.sampled_from([0.25, 0.40, 0.60]))
 def test_places_are_kept_and_joined_where_the_robot_gets_to_them(
     building: Building, at: list[XY], radius: float

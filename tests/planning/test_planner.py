@@ -270,7 +270,7 @@ places = st.builds(Place, st.sampled_from(["L1", "L2", "L3", "", "L9", "x" * 10_
 polygons = st.lists(st.tuples(anything, anything), max_size=6).map(tuple)
 
 
-@settings(deadline=None, max_examples=120)
+@settings(deadline=None, max_examples=300)
 @given(
     st.builds(
         PathRequest,

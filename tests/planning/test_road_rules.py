@@ -91,7 +91,7 @@ def test_a_robot_too_large_for_an_edge_drives_beside_it_or_not_at_all() -> None:
     assert planner.paths(PathRequest(A, B, radius=0.2))[0].distance == pytest.approx(16.0)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(12))
 def test_the_judge_has_no_objection(seed: int) -> None:
     answers = judged(ruled_building(seed), 25, seed)
     wrong = [f"{request}: {verdict}" for request, verdict in answers if verdict.objections]
