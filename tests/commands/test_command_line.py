@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from typer.testing import CliRunner, Result
 
 from robocorba.commands import command
 from robocorba.errors.files import OutputError
@@ -52,6 +52,11 @@ def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     native.save(two_floors(), "two.yaml")
 
 
+def run(*words: str) -> Result:
+    """Call a command; nothing is made of the others."""
+    return CliRunner().invoke(command(words[:1]), words, env={"COLUMNS": "200", "NO_COLOR": "1"})
+
+
 def test_help_is_the_same_where_no_subcommand_is_loaded() -> None:
     shown, loaded = (CliRunner().invoke(command(only_for_help=each), ["--help"]) for each in (True, False))
     assert (shown.output, shown.exit_code) == (loaded.output, 0)
@@ -59,7 +64,7 @@ def test_help_is_the_same_where_no_subcommand_is_loaded() -> None:
 
 @pytest.mark.parametrize(("typed", "option", "purpose"), WITHOUT_EFFECT)
 def test_an_option_without_effect_is_refused(typed: str, option: str, purpose: str) -> None:
-    result = CliRunner().invoke(command(), typed.split(), env={"COLUMNS": "200", "NO_COLOR": "1"})
+    result = run(*typed.split())
     assert result.exit_code == 2, result.output
     assert f"Invalid value for '{option}'" in result.output
     assert f"it has no effect, it is for {purpose}" in result.output
@@ -79,33 +84,27 @@ def test_an_option_without_effect_is_refused(typed: str, option: str, purpose: s
     ],
 )
 def test_values_beyond_their_limits_are_refused_before_anything_is_called(typed: str, code: int, reason: str) -> None:
-    result = CliRunner().invoke(command(), typed.split(), env={"COLUMNS": "200", "NO_COLOR": "1"})
+    result = run(*typed.split())
     assert (result.exit_code, reason.lower() in result.output.lower()) == (code, True), result.output
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ("map", "import", "in.yaml", "in.yaml", "--force"),
-        ("map", "export", "in.yaml", "in.yaml", "-f", "native", "--force"),
-        ("map", "export", "in.yaml", "in.yaml", "-f", "openrmf", "--force"),
-        ("map", "show", "in.yaml", "--picture", "in.png"),
-        ("convert", "in.mcap", "in.mcap", "--force"),
-        ("convert", "in.mcap", ".", "--ros2", "--force"),
-        ("replay", "in.mcap", "--png", "in.mcap"),
-        ("replay", "in.mcap", "--video", "in.mp4"),
-    ],
-)
-def test_commands_refuse_their_own_input(arguments: tuple[str, ...]) -> None:
-    native.save(two_floors(), "in.yaml")
-    Path("in.png").symlink_to("in.yaml")
+def test_commands_refuse_their_own_input() -> None:
+    Path("in.png").symlink_to("two.yaml")
     recorded_drive(Path(), "2-B", (0.4, 0.1, 0.2), {})
-    Path("a.mcap").rename("in.mcap")
-    Path("in.mp4").symlink_to("in.mcap")
+    Path("in.mp4").symlink_to("a.mcap")
     before = {file: file.read_bytes() for file in Path().iterdir()}
-    result = CliRunner().invoke(command(), list(arguments))
-    assert result.exit_code == 1
-    assert "input itself" in result.output.splitlines()[-1]
+    for typed in (
+        "map import two.yaml two.yaml --force",
+        "map export two.yaml two.yaml -f native --force",
+        "map export two.yaml two.yaml -f openrmf --force",
+        "map show two.yaml --picture in.png",
+        "convert a.mcap a.mcap --force",
+        "convert a.mcap . --ros2 --force",
+        "replay a.mcap --png a.mcap",
+        "replay a.mcap --video in.mp4",
+    ):
+        result = run(*typed.split())
+        assert (result.exit_code, "input itself" in result.output.splitlines()[-1]) == (1, True), typed
     assert {file: file.read_bytes() for file in Path().iterdir()} == before
 
 
@@ -114,7 +113,7 @@ def test_what_an_output_may_replace() -> None:
     for name in ("folder", "nowhere/map.yaml"):
         with pytest.raises(OutputError, match=name):
             write_outputs({Path(name): b"1"})
-    result = CliRunner().invoke(command(), ["map", "show", "two.yaml", "--picture", "two.yaml"])
+    result = run("map", "show", "two.yaml", "--picture", "two.yaml")
     assert (result.exit_code, "a picture's name ends with" in result.output) == (1, True)
     assert native.load("two.yaml") == two_floors()
     assert sorted(Path().iterdir()) == [Path("folder"), Path("two.yaml")]
@@ -155,11 +154,11 @@ def test_a_folder_with_more_than_a_bag_is_kept() -> None:
     for name in ("metadata.yaml", "bag.mcap", "notes.txt"):
         (bag / name).write_text("mine")
     recorded_drive(Path(), "2-B", (0.4, 0.1, 0.2), {})
-    assert CliRunner().invoke(command(), ["convert", "a.mcap", "bag", "--ros2", "--force"]).exit_code == 1
+    assert run("convert", "a.mcap", "bag", "--ros2", "--force").exit_code == 1
     assert len(list(bag.iterdir())) == 3
     (bag / "notes.txt").unlink()
-    assert CliRunner().invoke(command(), ["convert", "a.mcap", "bag", "--ros2"]).exit_code == 1
-    assert CliRunner().invoke(command(), ["convert", "a.mcap", "bag", "--ros2", "--force"]).exit_code == 0
+    assert run("convert", "a.mcap", "bag", "--ros2").exit_code == 1
+    assert run("convert", "a.mcap", "bag", "--ros2", "--force").exit_code == 0
 
 
 @pytest.mark.parametrize(
@@ -175,13 +174,13 @@ def test_a_folder_with_more_than_a_bag_is_kept() -> None:
 def test_an_edited_file_is_kept_without_force(arguments: tuple[str, ...], output: str) -> None:
     Path("two.yaml").unlink()
     Path(output).write_text("mine")
-    result = CliRunner().invoke(command(), list(arguments))
+    result = run(*arguments)
     assert result.exit_code == 1
     assert f"{output}: exists already" in result.output
     assert {file.read_text() for file in Path().iterdir()} == {"mine"}
-    assert CliRunner().invoke(command(), [*arguments, "--force"]).exit_code == 0
+    assert run(*arguments, "--force").exit_code == 0
     assert Path(output).read_text() != "mine"
-    assert CliRunner().invoke(command(), list(arguments)).exit_code == 0  # the same content again
+    assert run(*arguments).exit_code == 0  # the same content again
 
 
 #: Modules of such commands, and what they load when they are called.
@@ -205,16 +204,16 @@ def test_commands_load_nothing_heavy() -> None:
         f"import robocorba.{module}\nprint({module!r}, *[name for name in {HEAVY} if name in sys.modules])\n"
         for module in LIGHT
     )
-    ran = subprocess.run((sys.executable, "-c", f"import sys\n{looks}"), capture_output=True, text=True, timeout=120)
-    assert ran.stdout.splitlines() == list(LIGHT), ran.stderr
-    script = """
-import os, sys
+    script = (
+        f"import os, sys\n{looks}"
+        + """
 from robocorba.robot.kinematics.inverse import InverseKinematics
 InverseKinematics()
 print([name for name in ("scipy.linalg", "glfw", "OpenGL") if name in sys.modules], "MUJOCO_GL" in os.environ)
 import numba, numpy
 print(numba.njit(lambda a: numpy.dot(a, a))(numpy.eye(2)).tolist())
 """
+    )
     environment = {name: value for name, value in os.environ.items() if name != "MUJOCO_GL"}
     ran = subprocess.run((sys.executable, "-c", script), capture_output=True, text=True, timeout=120, env=environment)
-    assert ran.stdout.splitlines() == ["[] False", "[[1.0, 0.0], [0.0, 1.0]]"], ran.stderr
+    assert ran.stdout.splitlines() == [*LIGHT, "[] False", "[[1.0, 0.0], [0.0, 1.0]]"], ran.stderr

@@ -18,15 +18,7 @@ from robocorba.commands import map as map_commands
 from robocorba.console.map_files import downloads
 from robocorba.map_editor import formats, native
 from robocorba.map_editor.formats import read_map
-from robocorba.map_editor.model import (
-    Building,
-    ElementKind,
-    Elevator,
-    ElevatorDoor,
-    Floor,
-    PathEdge,
-    PathNode,
-)
+from robocorba.map_editor.model import Building, ElementKind, Elevator, ElevatorDoor, Floor, PathEdge, PathNode
 from robocorba.map_editor.samples import SAMPLES
 from testkit.buildings import two_floors
 from tests.map_editor.formats.rmf_files import small, written
@@ -41,7 +33,7 @@ def in_a_folder_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 def robocorba_map(*arguments: str) -> Result:
-    return CliRunner().invoke(command(), ["map", *arguments])
+    return CliRunner().invoke(command(["map"]), ["map", *arguments])
 
 
 def lines(result: Result) -> list[str]:
@@ -175,10 +167,7 @@ def test_export_writes_a_file_for_each_floor_where_a_format_holds_one() -> None:
     assert lines(robocorba_map("export", "two.yaml", "same.yaml", "-f", "native")) == ["wrote same.yaml"]
     assert native.load("same.yaml") == two_floors()
     files = [line.removeprefix("wrote ") for line in printed if line.startswith("wrote ")]
-    assert files == [
-        *("out-L1.yaml", "out-L1.png", "out-L2.yaml", "out-L2.png"),
-        *("out-L1.geojson", "out-L2.geojson"),
-    ]
+    assert files == [*("out-L1.yaml", "out-L1.png", "out-L2.yaml", "out-L2.png"), *("out-L1.geojson", "out-L2.geojson")]
     assert all(Path(name).is_file() for name in files)
     with Image.open("out-L1.png") as picture:
         assert picture.size[0] >= 200  # 20 m

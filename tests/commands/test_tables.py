@@ -326,7 +326,7 @@ def test_arguments_of_the_adaptor_stay_apart_and_those_that_exclude_each_other_a
         ["--adaptor", "smartpal", "A", "--", "--naming", "robot:2"],
         *(["A", "--help"], ["--help"]),
     ):
-        assert CliRunner().invoke(command(), ["robot", *arguments]).exit_code == 0
+        assert CliRunner().invoke(command(["robot"]), ["robot", *arguments]).exit_code == 0
         assert given.pop() == module_command("robocorba.clients.robot", *arguments)
     for arguments in ([], ["--count", "2", "f.yaml"], ["f.yaml", "--floor", "L1"], ["--count", "-1"]):
         assert CliRunner().invoke(command(["robots"]), ["robots", *arguments]).exit_code == 2

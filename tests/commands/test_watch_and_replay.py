@@ -20,7 +20,7 @@ import av
 import numpy as np
 import pytest
 import typer
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 from rich.console import Console
@@ -124,6 +124,7 @@ def test_rows_of_robots_and_elevators(capsys: pytest.CaptureFixture[str]) -> Non
     assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
 
 
+@settings(max_examples=30)
 @given(name=st.text(), floor=st.text())
 def test_any_name_is_a_cell_of_one_line(name: str, floor: str) -> None:
     tables = SimulationTables(

@@ -18,12 +18,7 @@ class Answer(NamedTuple):
 
 
 def ask(
-    app: ASGIApp,
-    path: str = "/",
-    method: str = "GET",
-    body: Iterable[bytes] = (),
-    kind: str = "http",
-    **headers: str,
+    app: ASGIApp, path: str = "/", method: str = "GET", body: Iterable[bytes] = (), kind: str = "http", **headers: str
 ) -> Answer:
     """The answer to a request, by default to 127.0.0.1:8800. headers: with _ instead of -."""
     return asyncio.run(answer(app, path, method, body, kind, **headers))

@@ -365,10 +365,7 @@ CASES: dict[str, tuple[list[dict[str, Any]], list[tuple[str, str, str]]]] = {
         [("robot", "R1", "R1 has started"), ("channel", "", "channel a has started")],
     ),
     "what ran before the console": ([{**CONNECTING, "robots": {}, "channels": {}}, CONNECTING, ROWS, ROWS], []),
-    "a lost naming service": (
-        [ROWS, LOST, of_robot(LOST, condition="STOPPED")],
-        [("stop", "R1", "R1 is stopped")],
-    ),
+    "a lost naming service": ([ROWS, LOST, of_robot(LOST, condition="STOPPED")], [("stop", "R1", "R1 is stopped")]),
     "a robot without any answer": ([ROWS, UNKNOWN], [("robot", "R1", "R1 does not answer")]),
 }
 

@@ -13,14 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from robocorba.errors.maps import (
-    EditedByOthers,
-    InvalidElement,
-    MapError,
-    NothingToRedo,
-    NothingToUndo,
-    UnknownElement,
-)
+from robocorba.errors.maps import EditedByOthers, InvalidElement, MapError, NothingToRedo, NothingToUndo, UnknownElement
 from robocorba.map_editor.changes import Change, ElementKey, apply, elements_of, key, key_of
 from robocorba.map_editor.edit_session import EditSessions
 from robocorba.map_editor.map_building_agent import BuildingEditor
@@ -261,7 +254,7 @@ class Run:
         assert msgspec.json.encode(self.store.load().building) == shown
 
 
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=25)
 @given(st.integers(0, 2**32), st.lists(placed, max_size=8))
 def test_edits_and_undos_do_what_they_do_to_plain_dictionaries(seed: int, pool: list[tuple[str, Element]]) -> None:
     # Seeds instead of lists of steps: hypothesis rarely made steps of two authors that concern the same element.

@@ -7,16 +7,11 @@ from collections import deque
 
 import pytest
 
-from robocorba.errors.maps import (
-    EditedByOthers,
-    InvalidElement,
-    SessionEnded,
-    TooManyTransactions,
-)
+from robocorba.errors.maps import EditedByOthers, InvalidElement, SessionEnded, TooManyTransactions
 from robocorba.map_editor.author_history import OwnEdit
 from robocorba.map_editor.edit_session import EditSession, EditSessions
 from robocorba.map_editor.map_building_agent import BuildingEditor
-from robocorba.map_editor.model import Building, Floor, MapObject, PathEdge, PathNode, SegmentShape
+from robocorba.map_editor.model import Building, Floor, PathEdge, PathNode
 from robocorba.map_editor.store import MapLimits, MapStore
 from tests.clock import Clock
 from tests.map_editor.elements import EDGE, NODE, WALL, wall
@@ -105,16 +100,6 @@ def test_a_transaction_of_a_session_is_one_edit_of_its_author(
         ("Ada", 1e9, 4, "floor L3 created, 3 walls on L1 created"),
         ("Ada", 1e9, 4, "undone: floor L3 created, 3 walls on L1 created"),
     ]
-
-
-def test_a_rename_is_undone_though_its_node_is_blocked(editor: BuildingEditor, ada: EditSession) -> None:
-    editor.create(L1, MapObject(name="shelf", shape=SegmentShape(length=1.0), at=(5.0, 5.0)))
-    before = editor.building
-    ada.rename(NODE, L1, "west", "dock", 1)
-    ada.undo()
-    assert editor.building == before
-    ada.redo()
-    assert editor.building.floors[L1].topological.edges["west-east"].a == "dock"
 
 
 def test_sessions_end(store: MapStore) -> None:

@@ -110,7 +110,7 @@ spans = st.tuples(spots, spots).filter(lambda ends: math.dist(*ends) > 0.05)
     offset=st.floats(-0.2, 0.2),
     degrees=st.sampled_from([0.0, 14.9, 15.1, 180.0, 194.9, 195.1]),
 )
-@settings(deadline=None, max_examples=70)
+@settings(deadline=None, max_examples=40)
 def test_a_point_of_a_wall_is_gone_exactly_where_a_door_along_it_is_near(
     walls: list[tuple[XY, XY]], doors: list[tuple[XY, XY]], offset: float, degrees: float
 ) -> None:
@@ -229,7 +229,7 @@ def furnished(draw: st.DrawFn) -> Building:
 
 
 @given(building=furnished(), radius=st.floats(0.01, 1.5))
-@settings(deadline=None, max_examples=50)
+@settings(deadline=None, max_examples=30)
 def test_free_space_keeps_the_radius_and_leaves_out_nothing_else(building: Building, radius: float) -> None:
     space = free_space(building, "L1", radius)
     everything = shapely.union_all([item.geometry for item in obstacles(building, "L1")])

@@ -26,15 +26,7 @@ from robocorba.map_editor.changes import elements_of
 from robocorba.map_editor.edit_session import EditSessions
 from robocorba.map_editor.element_rules import size_of
 from robocorba.map_editor.map_building_agent import BuildingEditor
-from robocorba.map_editor.model import (
-    Area,
-    Building,
-    Floor,
-    PathEdge,
-    PathNode,
-    TopologicalMap,
-    Wall,
-)
+from robocorba.map_editor.model import Area, Building, Floor, PathEdge, PathNode, TopologicalMap, Wall
 from robocorba.map_editor.store import MapLimits, MapStore
 from robocorba.map_editor.validation import problems
 from testkit.buildings import with_all

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from itertools import product
+from typing import Any, NamedTuple
 
 import pytest
 from hypothesis import settings
@@ -106,21 +107,6 @@ def test_who_walks_by_and_what_the_map_has_is_not_proposed(place: Place) -> None
     assert place.proposals.open() == []
 
 
-def test_a_thing_that_is_moved_is_proposed_where_it_is(place: Place) -> None:
-    place.watch(seen(5.0, 3.0))
-    place.proposals.reject("seen 1")
-    place.watch(seen(5.0, 3.1), seconds=30.0)
-    assert place.proposals.open() == []  # rejected, and still there
-    place.watch(seen(5.4, 3.3))
-    assert [each.element.at for each in place.proposals.open()] == [pytest.approx((5.4, 3.3))]
-    place.proposals.save()
-    written = len(place.written)
-    place.proposals.save()
-    assert len(place.written) == written  # nothing has changed since
-    place.proposals.follow(place.planned[0].without(ElementKind.FLOOR, "", "L1"), 2)
-    assert place.proposals.open() == Place(stored=b"[{").proposals.open() == []
-
-
 def test_things_near_each_other_are_not_mixed_up() -> None:
     ones = [seen(5.0, 3.0), seen(5.0, 3.7), seen(9.0, 3.0)]
     others = [seen(5.02, 3.72), seen(9.0, 3.0, floor="L2"), seen(5.02, 2.98)]
@@ -193,9 +179,24 @@ def test_a_decision_that_can_not_be_written_is_an_error_and_written_later(editor
     is_full[0] = False
     proposals.save()
     assert [each.name for each in Proposals(editor.snapshot, stored=editor.proposals()).open()] == ["seen 1"]
+    assert Proposals(editor.snapshot, stored=b"[{").open() == []
 
 
 SPOTS = {number: (2.0 + 3.0 * number, 3.0) for number in range(4)}
+#: So far a chair is moved in x [m]: it may be the same one.
+MOVED_M = 0.45
+spots = st.sets(st.sampled_from(sorted(SPOTS)), min_size=1)
+pairs = st.sampled_from(("AB", "BC", "AC"))
+
+
+class Known(NamedTuple):
+    """What is known of a chair. state: new, open or rejected. is_moved: where it was seen."""
+
+    robots: set[str]
+    since: float
+    last: float
+    state: str
+    is_moved: bool
 
 
 class ProposalMachine(RuleBasedStateMachine):
@@ -205,34 +206,39 @@ class ProposalMachine(RuleBasedStateMachine):
         super().__init__()
         self.place = Place()
         self.building, self.version = self.place.planned[0], 1
-        #: By spot: robots, since, last, and new, open or rejected.
-        self.model: dict[int, tuple[set[str], float, float, str]] = {}
+        self.model: dict[int, Known] = {}
+        #: The spots whose chairs stand MOVED_M beside them.
+        self.moved: set[int] = set()
+        #: Empty if the floor is removed.
         self.floor = "L1"
         #: Floor and model as they were written last.
-        self.written: tuple[str, dict[int, tuple[set[str], float, float, str]]] = self.floor, {}
+        self.written: tuple[str, dict[int, Known]] = self.floor, {}
 
-    @rule(spots=st.sets(st.sampled_from(sorted(SPOTS)), min_size=1), robots=st.sampled_from(("AB", "BC", "AC")))
-    def see(self, spots: set[int], robots: str) -> None:
-        things = [seen(*SPOTS[spot], floor=self.floor) for spot in sorted(spots)]
+    @rule(spots=spots, robots=pairs, is_watched=st.booleans())
+    def see(self, spots: set[int], robots: str, is_watched: bool = False) -> None:
+        """is_watched: for long enough."""
+        if is_watched:
+            self.see(spots, robots)
+            self.wait(POLICY.standing_s)
+        things = [seen(*self.at(spot, spot in self.moved), floor=self.floor) for spot in sorted(spots)]
         self.place.proposals.correlate(dict.fromkeys(robots, things))
-        for spot in spots - self.mapped():
-            before, since, _, state = self.model.get(spot, (set(), self.now, self.now, "new"))
-            is_ripe = state == "new" and self.now - since >= POLICY.standing_s
-            self.model[spot] = (before | set(robots), since, self.now, "open" if is_ripe else state)
+        for spot in self.unmapped(spots):
+            before = self.known(spot)
+            is_ripe = before.state == "new" and self.now - before.since >= POLICY.standing_s
+            state = "open" if is_ripe else before.state
+            self.model[spot] = before._replace(robots=before.robots | set(robots), last=self.now, state=state)
 
-    @rule(spots=st.sets(st.sampled_from(sorted(SPOTS)), min_size=1), robots=st.sampled_from(("AB", "BC", "AC")))
-    def watch(self, spots: set[int], robots: str) -> None:
-        """See these for long enough."""
-        self.see(spots, robots)
-        self.wait(POLICY.standing_s)
-        self.see(spots, robots)
+    @rule(spots=spots)
+    def move(self, spots: set[int]) -> None:
+        """Somebody moves chairs, or moves them back."""
+        self.moved ^= spots
 
     @rule(seconds=st.sampled_from((0.5, 2.0, 100.0, 301.0, 3601.0)))
     def wait(self, seconds: float) -> None:
         self.place.clock.now += seconds
         self.place.proposals.end_unseen()
-        for spot, (_, _, last, state) in list(self.model.items()):
-            if self.now - last > (POLICY.rejected_s if state == "rejected" else POLICY.kept_s):
+        for spot, known in list(self.model.items()):
+            if self.now - known.last > (POLICY.rejected_s if known.state == "rejected" else POLICY.kept_s):
                 del self.model[spot]
 
     @precondition(lambda self: self.open())
@@ -240,18 +246,21 @@ class ProposalMachine(RuleBasedStateMachine):
     def reject(self, data: st.DataObject) -> None:
         spot = data.draw(st.sampled_from(self.open()))
         self.place.proposals.reject(self.name(spot))
-        self.model[spot] = (*self.model[spot][:3], "rejected")
+        self.model[spot] = self.model[spot]._replace(state="rejected")
         self.written = self.floor, dict(self.model)
 
     @rule(spot=st.sampled_from(sorted(SPOTS)))
     def propose(self, spot: int) -> None:
         """Somebody proposes what stands there, seen already or not."""
-        (x, y), who = SPOTS[spot], "D"
-        if spot in self.mapped():
+        (x, y), who = self.at(spot, spot in self.moved), "D"
+        outline = [(x + dx, y + dy) for dx, dy in CHAIR]
+        if not self.unmapped({spot}):
+            with pytest.raises(InvalidElement if self.floor else UnknownElement):
+                self.place.proposals.propose(self.floor, outline, 0.8, who)
             return
-        self.place.proposals.propose(self.floor, [(x + dx, y + dy) for dx, dy in CHAIR], 0.8, who)
-        robots, since, *_ = self.model.get(spot, (set(), self.now))
-        self.model[spot] = robots | {who}, since, self.now, "open"
+        self.place.proposals.propose(self.floor, outline, 0.8, who)
+        before = self.known(spot)
+        self.model[spot] = before._replace(robots=before.robots | {who}, last=self.now, state="open")
         self.written = self.floor, dict(self.model)
 
     @precondition(lambda self: self.open())
@@ -264,10 +273,12 @@ class ProposalMachine(RuleBasedStateMachine):
         with pytest.raises(UnknownElement):
             self.place.proposals.find(proposal.name)
 
+    @precondition(lambda self: self.floor)
     @rule(spot=st.sampled_from(sorted(SPOTS)), name=st.sampled_from(("desk", "seen 1", "seen 2")))
     def draw(self, spot: int, name: str) -> None:
         """Somebody draws an object there, also by the name of a proposal."""
-        self.edit(self.building.with_element(self.floor, MapObject(name, BoxShape((0.6, 0.6)), SPOTS[spot])))
+        drawn = MapObject(name, BoxShape((0.6, 0.6)), self.at(spot, spot in self.moved))
+        self.edit(self.building.with_element(self.floor, drawn))
 
     @precondition(lambda self: self.mapped())
     @rule(data=st.data())
@@ -279,6 +290,7 @@ class ProposalMachine(RuleBasedStateMachine):
     def edit_something_else(self) -> None:
         self.edit(self.building.with_element("", Floor("L5", 5, 20.0 + self.version)))
 
+    @precondition(lambda self: self.floor)
     @rule(name=st.sampled_from(("L1", "ground")))
     def rename_floor(self, name: str) -> None:
         state = EditorState(self.building, self.version, {}, 0)
@@ -287,9 +299,27 @@ class ProposalMachine(RuleBasedStateMachine):
         self.floor = name
         self.edit(apply(self.building, changes), changes)
 
+    @rule(name=st.sampled_from(("", "L1", "ground")))
+    def remove_or_add_floor(self, name: str) -> None:
+        """One that is added after the removal is another one, also by the same name."""
+        building, changes = self.building, []
+        if self.floor:
+            before = building.floors[self.floor].floor
+            changes.append(Change(self.version + 1, ElementKey(ElementKind.FLOOR, "", self.floor), before, None))
+            building = building.without(ElementKind.FLOOR, "", self.floor)
+        if name:
+            added = Floor(name, 1, 0.0)
+            changes.append(Change(self.version + 2, ElementKey(ElementKind.FLOOR, "", name), None, added))
+            building = building.with_element("", added)
+        self.floor, self.model = name, {}
+        self.edit(building, changes)
+
     @rule()
     def save(self) -> None:
         self.place.proposals.save()
+        written = len(self.place.written)
+        self.place.proposals.save()
+        assert len(self.place.written) == written, "nothing has changed since"
         self.written = self.floor, dict(self.model)
 
     @rule()
@@ -299,47 +329,69 @@ class ProposalMachine(RuleBasedStateMachine):
         self.place = Place(self.building, self.place.written[-1], now=self.now)
         floor, model = self.written
         self.model = {
-            spot: (robots, self.now, self.now, state)
-            for spot, (robots, _, _, state) in model.items()
-            if state != "new" and floor == self.floor and spot not in self.mapped()
+            spot: known._replace(since=self.now, last=self.now)
+            for spot, known in model.items()
+            if known.state != "new" and floor == self.floor and (spot, known.is_moved) not in self.mapped()
         }
 
     def edit(self, building: Building, changes: Sequence[Change] = ()) -> None:
-        self.building, self.version = building, self.version + 1
+        self.building, self.version = building, self.version + 2
         self.place.proposals.follow(building, self.version, changes)
-        for spot in self.mapped() & self.model.keys():
-            del self.model[spot]
+        mapped = self.mapped()
+        self.model = {spot: known for spot, known in self.model.items() if (spot, known.is_moved) not in mapped}
 
     @property
     def now(self) -> float:
         return self.place.clock.now
 
-    def mapped(self) -> set[int]:
-        places = [each.at for each in self.building.floors[self.floor].geometrical.objects.values()]
-        return {spot for spot, at in SPOTS.items() if any(math.dist(at, place) < 0.1 for place in places)}
+    def at(self, spot: int, is_moved: bool) -> XY:
+        x, y = SPOTS[spot]
+        return x + MOVED_M * is_moved, y
+
+    def known(self, spot: int) -> Known:
+        """What was known of a chair that is seen. Nothing is if it was moved."""
+        is_moved = spot in self.moved
+        found = self.model.get(spot)
+        return found if found and found.is_moved is is_moved else Known(set(), self.now, self.now, "new", is_moved)
+
+    def mapped(self) -> set[tuple[int, bool]]:
+        entry = self.building.floors.get(self.floor)
+        places = [each.at for each in entry.geometrical.objects.values()] if entry else []
+        stand = product(SPOTS, (False, True))
+        return {each for each in stand if any(math.dist(self.at(*each), place) < 0.1 for place in places)}
+
+    def unmapped(self, spots: set[int]) -> set[int]:
+        """Where the floor is there, and no object of it."""
+        mapped = self.mapped()
+        return {spot for spot in spots if self.floor and (spot, spot in self.moved) not in mapped}
 
     def open(self) -> list[int]:
-        return sorted(spot for spot, (*_, state) in self.model.items() if state == "open")
+        return sorted(spot for spot, known in self.model.items() if known.state == "open")
+
+    def place_of(self, spot: int) -> XY:
+        return self.at(spot, self.model[spot].is_moved)
 
     def name(self, spot: int) -> str:
         found = self.place.proposals.open()
-        return next(each.name for each in found if math.dist(each.element.at, SPOTS[spot]) < 0.1)
+        return next(each.name for each in found if math.dist(each.element.at, self.place_of(spot)) < 0.1)
 
     @invariant()
     def the_open_ones_are_those_of_the_model(self) -> None:
         found = {each.element.at[0]: each for each in self.place.proposals.open()}
-        assert sorted(found) == pytest.approx([SPOTS[spot][0] for spot in self.open()])
+        assert sorted(found) == pytest.approx([self.place_of(spot)[0] for spot in self.open()])
         for spot, proposal in zip(self.open(), (found[x] for x in sorted(found)), strict=True):
-            robots, _, last, _ = self.model[spot]
-            assert set(proposal.seen_by) == robots
-            assert proposal.unseen_s == pytest.approx(self.now - last)
+            known = self.model[spot]
+            assert (set(proposal.seen_by), proposal.floor) == (known.robots, self.floor)
+            assert proposal.unseen_s == pytest.approx(self.now - known.last)
 
     @invariant()
     def paths_are_planned_around_the_map_and_the_open_ones(self) -> None:
-        drawn = dict(self.building.floors[self.floor].geometrical.objects)
         proposed = {each.name: each.element for each in self.place.proposals.open()}
-        assert not drawn.keys() & proposed.keys()
-        assert self.place.objects(self.floor) == {**drawn, **proposed}
+        assert self.place.planned[-1].floors.keys() == self.building.floors.keys()
+        if self.floor:
+            drawn = dict(self.building.floors[self.floor].geometrical.objects)
+            assert not drawn.keys() & proposed.keys()
+            assert self.place.objects(self.floor) == {**drawn, **proposed}
 
 
 ProposalMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)

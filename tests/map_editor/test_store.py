@@ -237,9 +237,7 @@ def test_a_large_picture_is_checked() -> None:
     check_underlay("L1", PLAN._replace(picture=picture("JPEG", (4001, 4000))))
 
 
-def test_the_picture_of_a_removed_floor_comes_back_with_an_undo_only_and_goes_with_the_journal(
-    store: MapStore,
-) -> None:
+def test_the_picture_of_a_removed_floor_comes_back_with_an_undo_only_and_goes_with_the_journal(store: MapStore) -> None:
     editor, floor = BuildingEditor(store, MapLimits(commits=3)), Floor(name="L3", level=3, elevation=8.0)
     made = editor.create("", floor)
     editor.set_underlay("L3", PLAN)

@@ -259,14 +259,6 @@ def test_cabins_that_a_robot_does_not_fit_into() -> None:
     assert "cabin-E1" not in too_small.nodes
 
 
-def test_a_shaft_without_a_door_here_has_no_nodes() -> None:
-    closed = msgspec.structs.replace(elevator(), doors=(ElevatorDoor(floor="L2"),))
-    building = one_floor(elevators=[closed])
-    roads = topological_map(building, "L1")
-    assert not any(geometry.shaft_polygon(closed).covers(Point(node.at)) for node in roads.nodes.values())
-    check_whole(building, "L1", roads, RADIUS)
-
-
 @pytest.mark.parametrize("metres", [1.0, 50.0, 1000.0])
 def test_the_work_follows_the_content_of_a_floor_and_not_its_size(metres: float) -> None:
     """The sites of the Voronoi diagram are most of the work. A door of 0.9 m is found in a hall of 20 km."""

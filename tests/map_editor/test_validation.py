@@ -262,25 +262,7 @@ def test_what_is_put_on_a_path_blocks_it(building: Building, element: Element, b
     assert check_change(building, [key], after) == []
 
 
-@pytest.mark.parametrize(
-    "elements",
-    [
-        [edge("west", "east", name="west-east", speed_limit=0.5, one_way=True)],
-        [edge("east", "west", name="west-east")],
-        [node(4.0, 6.0, name="west")],
-        [node(4.0, 6.0, name="west"), edge("west", "east", name="west-east", graphs=("g",))],
-        [node(6.0, 6.0, name="new"), edge("new", "west", name="new")],
-    ],
-)
-def test_a_blocked_edge_and_its_nodes_can_be_changed(building: Building, elements: list[Element]) -> None:
-    door = building.floors["L1"].geometrical.doors["d"]
-    locked = building.with_element("L1", msgspec.structs.replace(door, locked=True))
-    after = with_all(locked, [("L1", element) for element in elements])
-    assert check_change(after, [changes.key_of("L1", element) for element in elements], locked) == []
-    assert [item.element.name for item in blockages(after, "L1")] == ["west-east"]
-
-
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=80)
 @given(buildings(), st.lists(st.tuples(placed, st.booleans()), min_size=1, max_size=4))
 def test_the_check_of_an_edit_agrees_with_the_check_of_everything(
     before: Building, edits: list[tuple[tuple[str, Element], bool]]
@@ -313,7 +295,7 @@ def blocked(building: Building) -> set[tuple[Any, ...]]:
     return {(floor, *found.pair) for floor in building.floors for found in blockages(building, floor)}
 
 
-@settings(deadline=None, max_examples=60)
+@settings(deadline=None, max_examples=30)
 @given(buildings(), buildings())
 def test_the_difference_of_two_buildings_leads_from_one_to_the_other(before: Building, after: Building) -> None:
     difference = changes.difference(before, after)

@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from random import Random
 from typing import Any
 
-import CosNaming
 import omniORB
 import pytest
 from hypothesis import given
@@ -22,7 +21,6 @@ from omniORB import tcInternal as tc
 
 from robocorba.errors.events import Refused
 from robocorba.errors.services import NotReachable
-from robocorba.events.corba.event_channel_servant import CallbackRouteServant
 from robocorba.events.corba.remote_clients import RemotePullSupplier
 from robocorba.orb import bounded_any
 from robocorba.orb.bounded_any import MAX_DEPTH, TC_ANY, bounded, read_bounded
@@ -171,25 +169,6 @@ def test_types_of_endless_values_and_unions_at_which_omniorbpy_crashes_are_refus
             omniORB.cdrUnmarshal(TC_ANY, encoded_union(labels, default))
     for right in (-1, 1):
         assert omniORB.cdrUnmarshal(TC_ANY, encoded_union((0, 1), right)).value()._v == 7
-
-
-def test_servants_and_answers_read_anys_so(orb: Orb) -> None:
-    class Consumer(RoboCorba__POA.EventConsumer):
-        pass
-
-    before = dict(Consumer._omni_op_d)
-    read_bounded(Consumer)
-    assert Consumer._omni_op_d["push"][0] == (TC_ANY._d,)
-    assert Consumer._omni_op_d["push"][1:] == before["push"][1:]
-    assert Consumer._omni_op_d["pushRuns"] == before["pushRuns"]
-    assert RoboCorba__POA.EventConsumer._omni_op_d["push"] == before["push"]
-    keep = RoboCorba__POA.CallbackRoute._omni_op_d["keep"]
-    read_bounded(CallbackRouteServant)
-    assert CallbackRouteServant._omni_op_d["keep"] == keep
-    assert bounded_any._with_bounded_answers(CosNaming.NamingContext, "list")[2] is None
-    _, (found,), raised = bounded_any._with_bounded_answers(CosNaming.NamingContext, "resolve")
-    assert found == bounded(CORBA.TC_Object._d) != CORBA.TC_Object._d
-    assert tc.tv_objref not in {kind for each in raised.values() for kind in parts(each)}
 
 
 def encoded_union(labels: tuple[int, int], default: int, enumerators: int = 3) -> bytes:

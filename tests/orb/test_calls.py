@@ -63,20 +63,6 @@ def pool() -> Iterator[ThreadPoolExecutor]:
         yield pool
 
 
-def test_calls_wait_and_further_ones_are_refused(planner: HeldPlanner, pool: ThreadPoolExecutor, orb: Orb) -> None:
-    CallLimit(at_once=2, waiting=1).apply(planner, "_get_mapVersion")
-    call = orb.activate(planner)._narrow(RoboCorba.PathPlanner)._get_mapVersion
-    calls = [pool.submit(call) for _ in range(4)]
-    eventually(lambda: sum(call.done() for call in calls) == 1, what="the refusal")
-    assert planner.called.acquire(timeout=60.0) and planner.called.acquire(timeout=60.0)
-    assert not planner.called.acquire(blocking=False)  # the third one waits
-    planner.go_on.set()
-    (refusal,) = (call.exception(60.0) for call in calls if call.exception(60.0))
-    assert isinstance(refusal, CORBA.TRANSIENT)
-    assert sorted(call.result(60.0) for call in calls if not call.exception(60.0)) == [7, 7, 7]
-    assert call() == 7
-
-
 def test_a_call_that_waits_or_fails_leaves_its_place(planner: HeldPlanner, pool: ThreadPoolExecutor, orb: Orb) -> None:
     CallLimit(at_once=1, limit_s=0.01).apply(planner, "_get_mapVersion")
     call = orb.activate(planner)._narrow(RoboCorba.PathPlanner)._get_mapVersion
@@ -123,7 +109,7 @@ def test_no_place_is_lost_and_none_is_taken_twice(limit_s: float) -> None:
         call()  # all places are free again
 
 
-def test_who_has_waited_longest_goes_first() -> None:
+def test_who_has_waited_longest_goes_first_and_few_may_wait() -> None:
     order: list[int] = []
     go_on, call_first = threading.Event(), threading.Event()
 
@@ -132,13 +118,15 @@ def test_who_has_waited_longest_goes_first() -> None:
         call_first.set()
         go_on.wait(60.0)
 
-    limit = CallLimit(at_once=1)
+    limit = CallLimit(at_once=1, waiting=5)
     call = limit.limited(work)
     with ThreadPoolExecutor(8) as pool:
         for number in range(6):
             pool.submit(call, number)
             assert call_first.wait(60.0)
             eventually(lambda waiting=number: len(limit._waiting) == waiting)
+        with pytest.raises(CORBA.TRANSIENT):
+            call(6)
         go_on.set()
     assert order == list(range(6))
 

@@ -284,17 +284,6 @@ def follower(place: Place, monkeypatch: pytest.MonkeyPatch) -> PoolFollower:
     return follower
 
 
-def test_a_reader_wakes_a_resting_pool(place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(data_pool, "ATTENTION_S", 0.0)
-    with contextlib.closing(follower.start()):
-        eventually(lambda: follower.pool.snapshot(), 60.0, "the first content")
-        for _ in range(3):
-            place.clock.now += 5.0
-            assert follower.pool.lag_s >= 5.0
-            follower.attend()
-            assert follower.pool.lag_s == 0.0
-
-
 def test_a_reader_waits_for_an_update_that_begins_after_it_asked(
     place: Place, follower: PoolFollower, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -147,10 +147,7 @@ def _costs(planner: PathPlanner, plan: Plan, paths: list[Path]) -> Iterator[str]
 
 def _wrong(plan: Plan, path: Path) -> Iterator[str]:
     points, request = path.points, plan.request
-    for point, place, kind in (
-        (points[0], request.start, PointKind.START),
-        (points[-1], request.goal, PointKind.GOAL),
-    ):
+    for point, place, kind in ((points[0], request.start, PointKind.START), (points[-1], request.goal, PointKind.GOAL)):
         if point.kind is not kind or Place(point.floor, point.x, point.y) != place:
             yield f"the {kind.name.lower()} is {point}"
     driven = seconds = 0.0

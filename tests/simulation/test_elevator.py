@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from robocorba.errors.simulation import ElevatorFull, InvalidRide, NoRide
@@ -197,52 +197,6 @@ def test_lone_robots_keep_nobody_from_carrying_away_what_obstructs_the_doors() -
     blocked.has = Doorway.IN_USE
     blocked.carry_away()
     until(lift, "Z", RidePhase.BOARDING)
-
-
-# ---- any behaviour of robots ----
-
-floors = st.sampled_from(list(HEIGHTS))
-#: When (s), from where, to where, what each robot does that calls, a party if there are several, how many of its robots
-#: never call, and the time that it needs to board (s).
-calls = st.tuples(
-    *(st.floats(0, 120), floors, floors),
-    st.lists(st.sampled_from(["goes", "no", "stays"]), min_size=1, max_size=3),
-    *(st.sampled_from([0, 0, 1]), st.sampled_from([0.0, 25.0, 55.0])),
-).filter(lambda call: call[1] != call[2])
-
-
-@settings(deadline=None, max_examples=25)
-@given(st.lists(calls, min_size=1, max_size=16).map(sorted))
-def test_no_robot_waits_longer_than_the_bound(due: list[tuple[float, str, str, list[str], int, float]]) -> None:
-    lift, steps, arrived = cabin(), 0, 0
-    does: dict[str, str] = {}
-    bounds: dict[str, float] = {}
-    while due or lift.sessions:
-        while due and due[0][0] <= lift.now:
-            _, origin, destination, who, missing, needs_s = due.pop(0)
-            party = f"P{len(does)}" if len(who) > 1 else ""
-            for each in who:
-                name = f"R{len(does)}"
-                lift.call(name, origin, destination, 0.4, party, len(who) + missing, needs_s)
-                does[name], bounds[name] = each, lift.now + longest_wait_s(lift, name)
-        lift.advance(STEP_S)
-        steps += 1
-        inside = [s for s in lift.sessions.values() if s.phase is not RidePhase.WAITING]
-        assert len(inside) <= 4
-        assert not any(s.party for s in inside) or len({s.party for s in inside}) == 1, "a party rides alone"
-        for session in list(lift.sessions.values()):
-            name = session.robot
-            if session.phase is RidePhase.WAITING:
-                assert lift.now <= bounds[name] + STEP_S
-                if steps % 10 == 0:  # later bounds must be kept, too
-                    bounds[name] = min(bounds[name], lift.now + longest_wait_s(lift, name))
-            elif session.phase is RidePhase.BOARDING and does[name] != "no":
-                lift.enter(name)
-            elif session.phase is RidePhase.ALIGHTING and does[name] == "goes":
-                lift.leave(name)
-                arrived += 1
-    assert arrived == list(does.values()).count("goes")
-    assert len(lift.ended) == len(does) - arrived
 
 
 # ---- limits ----

@@ -124,10 +124,10 @@ def test_an_object_that_is_left_in_the_cabin_keeps_its_doors_open() -> None:
     world.elevators.call("B", "E1", "L2")
     world.occupants.release("A")
     world.elevators.cancel("A")
-    run(world, 60.0)
+    run(world, 35.0)
     assert cabin(world) == ("L2", Doors.OPEN)
     world.occupants.grip("A", "box", (5.0, 5.3))  # and may be carried out
-    run(world, 30.0)
+    run(world, 15.0)
     assert cabin(world) == ("L2", Doors.OPEN)
     while world.occupants.pose("A").y > 2.5:
         assert world.elevators.cabins["E1"].doors is Doors.OPEN or world.occupants.pose("A").y < 3.1

@@ -172,7 +172,7 @@ class LogOn(RuleBasedStateMachine):
         #: The time of leases, and how much has passed since the last cycle [s].
         self.attended_at, self.unattended_s = self.clock.now, 0.0
         self.agent = ManagementAgent(
-            *(tower(), 7, self._store, self.events.append, self.began.append, self.ended.append),
+            *(tower(), 7, self._store, self.events.append, self.began.append, self.ended.append)
         )
         assert isinstance(self.agent.loop, Cycles)
         self.loop = self.agent.loop
@@ -562,5 +562,5 @@ class LogOn(RuleBasedStateMachine):
         assert not self.began and not self.ended
 
 
-LogOn.TestCase.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+LogOn.TestCase.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
 TestLogOn = LogOn.TestCase

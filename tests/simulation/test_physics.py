@@ -276,7 +276,7 @@ def test_the_same_commands_give_the_same_trajectory_bit_for_bit_in_any_process()
     assert there.stdout.strip() == here
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(2))
 def test_resting_changes_no_bit(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rested, still = play(floor_with(6), seed, 1200)
     monkeypatch.setattr(physics, "STILL_CHECK_STEPS", 10**9)

@@ -1,11 +1,9 @@
-"""Recordings: written updates are read again, also after a kill of the recorder or damage to the file."""
+"""Recordings: written updates are read again, also while they are recorded and after damage to the file."""
 
 from __future__ import annotations
 
 import math
 import os
-import subprocess
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -88,7 +86,7 @@ def assert_prefix(path: Path, written: Sequence[FloorUpdate]) -> Recording:
     return found
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=25)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=12)
 @given(steps=st.lists(st.tuples(updates, st.floats(0.0, 3.0)), max_size=10))
 def test_a_recording_is_read_as_it_was_written(tmp_path: Path, steps: list[tuple[FloorUpdate, float]]) -> None:
     file = tmp_path / "a.mcap"
@@ -207,28 +205,6 @@ def test_it_can_be_read_while_it_is_recorded(tmp_path: Path) -> None:
         assert Recording(tmp_path / "a.mcap").count == 101
 
 
-def test_the_file_of_a_killed_recorder_can_be_read(tmp_path: Path) -> None:
-    program = """
-from pathlib import Path
-from tests.simulation.test_recording import BEGAN, Recorder, moved, two_floors
-with Recorder(Path("a.mcap"), two_floors()) as recorder:
-    for version in range(1, 100_000):
-        recorder.write(moved("L1", version, 0.1 * version), BEGAN + 0.05 * version)
-        print(version, flush=True)
-"""
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).resolve().parents[2])}
-    command = [sys.executable, "-c", program]
-    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True, env=environment) as process:
-        assert process.stdout is not None
-        while (last := int(process.stdout.readline())) < 200:
-            pass
-        process.kill()
-        last = int((process.stdout.read().split() or [last])[-1])
-    found = assert_prefix(tmp_path / "a.mcap", [moved("L1", version, 0.1 * version) for version in range(1, last + 2)])
-    assert found.count >= last - CHUNK_S / 0.05
-    assert not found.is_complete
-
-
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[FloorUpdate]]:
     """The bytes of a recording of a few chunks, and what it holds."""
@@ -242,7 +218,7 @@ def test_a_truncated_file_is_read_up_to_its_end(recorded: tuple[bytes, list[Floo
     file = tmp_path / "a.mcap"
     file.write_bytes(data)
     counts = []
-    for length in reversed(range(len(data))):
+    for length in reversed(range(0, len(data), 3)):
         os.truncate(file, length)
         try:
             counts.append(assert_prefix(file, written).count)
@@ -251,13 +227,13 @@ def test_a_truncated_file_is_read_up_to_its_end(recorded: tuple[bytes, list[Floo
     assert counts == sorted(counts, reverse=True)
     assert len(set(counts)) >= 4
     assert (counts[0], counts[-1]) == (12, 0)
-    for shorter in range(length):
+    for shorter in range(0, length, 3):
         os.truncate(file, shorter)
         with pytest.raises(InvalidRecording):
             Recording(file)
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=100)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=50)
 @given(draw=st.data())
 def test_a_damaged_byte_is_reported(
     recorded: tuple[bytes, list[FloorUpdate]], tmp_path: Path, draw: st.DataObject
@@ -278,7 +254,7 @@ def test_a_damaged_byte_is_reported(
     assert all(map(same, (update for _, update in read), written))
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], max_examples=30)
 @given(data=st.binary(), magic=st.sampled_from([b"", b"\x89MCAP0\r\n"]))
 def test_any_other_file_is_refused(tmp_path: Path, data: bytes, magic: bytes) -> None:
     (tmp_path / "a.mcap").write_bytes(magic + data)

@@ -11,14 +11,7 @@ import pytest
 from robocorba.bridges.openrtm.connections import Connection
 from robocorba.bridges.openrtm.data_ports import DATAFLOW, IN_PORT, OUT_PORT, DataType, InvalidValue
 from robocorba.bridges.openrtm.life_cycle import ReturnCode, State
-from robocorba.bridges.openrtm.robot_component import (
-    DataTypes,
-    Ranges,
-    RobotComponent,
-    TimedPose,
-    TimedText,
-    Velocity,
-)
+from robocorba.bridges.openrtm.robot_component import DataTypes, Ranges, RobotComponent, TimedPose, TimedText, Velocity
 from robocorba.errors.robots import IllegalOrder
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.robot_scans import RobotScan

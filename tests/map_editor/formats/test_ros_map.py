@@ -166,7 +166,7 @@ def test_pictures_that_are_too_large_or_all_noise_are_refused(tmp_path: Path) ->
 HEADS = [b"", b"P5\n4 4\n255\n", b"P2\n3 3\n9\n", b"BM", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.binary(max_size=300), st.sampled_from(HEADS))
 def test_any_bytes_as_a_picture(tmp_path_factory: pytest.TempPathFactory, tail: bytes, head: bytes) -> None:
     folder = tmp_path_factory.mktemp("bytes")
@@ -178,7 +178,7 @@ def test_any_bytes_as_a_picture(tmp_path_factory: pytest.TempPathFactory, tail: 
         assert error.key == "image"
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(arrays(np.uint8, (12, 14), elements=st.sampled_from([BLACK, GREY, WHITE, WHITE])))
 @example(np.full((12, 14), BLACK))
 def test_any_picture_makes_a_building_in_order(tmp_path_factory: pytest.TempPathFactory, cells: np.ndarray) -> None:
@@ -192,7 +192,7 @@ def test_any_picture_makes_a_building_in_order(tmp_path_factory: pytest.TempPath
     assert has_free or _ground(path).is_empty
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(st.tuples(st.floats(0, 12), st.floats(0, 9)), min_size=3, max_size=7))
 def test_areas_fill_the_cells_whose_middle_they_cover(points: list[tuple[float, float]]) -> None:
     area = shapely.MultiPoint(points).convex_hull.buffer(0.3).difference(shapely.box(4.9, 4.1, 6.3, 5.7))
@@ -406,11 +406,7 @@ def _elevator(**change: Any) -> dict[str, Any]:
         (_listed(1, map="../ground.yaml"), "floors[1].map", "must lie in the folder of the file"),
         (_listed(1, map="lab.yaml"), "floors[1].map", "not a map_server file"),
         (_listed(1, level=None), "floors[1]", "the key 'level' is missing; other floors give one"),
-        (
-            {"floors": [{"name": "L1", "map": "ground.yaml"}]},
-            "floors[0]",
-            "the key 'level' or 'elevation' is missing",
-        ),
+        ({"floors": [{"name": "L1", "map": "ground.yaml"}]}, "floors[0]", "the key 'level' or 'elevation' is missing"),
         (_listed(1, name="L1"), "floors[1].name", "there is a floor 'L1' already"),
         (_listed(1, level=1), "floors[1]", "level 1 is that of"),
         (_elevator(at=[11.5, 3.0]), "elevators[0]", "reaches beyond the picture of floor 'L1'"),

@@ -86,7 +86,7 @@ def test_a_ray_along_a_line_meets_its_near_end(others: list[BaseGeometry]) -> No
     assert not any(agrees(distance, wall, here, 0.0, fan) for distance in (0.99, 1.01, 2.0, 5.0))
 
 
-@settings(deadline=None, max_examples=150)
+@settings(deadline=None, max_examples=50)
 @given(lines, boxes, poses, fans)
 def test_distances_to_segments_agree_with_shapely(
     standing: list[BaseGeometry], moved: list[BaseGeometry], places: list[tuple[float, float, float]], fan: Fan
@@ -103,7 +103,7 @@ def test_distances_to_segments_agree_with_shapely(
             assert agrees(distance, blocking, pose, angle, fan), (pose, angle, distance)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(deadline=None, max_examples=40)
 @given(discs, poses, fans, st.integers(0, 5))
 def test_robots_are_discs_and_do_not_see_themselves(
     robots: list[tuple[float, float, float, int]], places: list[tuple[float, float, float]], fan: Fan, me: int
@@ -133,13 +133,6 @@ def test_a_fan_of_half_a_turn_sees_walls_beside_it(heading: float) -> None:
     found = obstacles.scan(np.array([(0.0, 0.0, heading)]), Fan(-math.pi / 2, math.pi / 179, 180, 1000.0))[0]
     assert found[[0, -1]] == pytest.approx(side)
     assert found.max() == 1000.0
-
-
-def test_what_is_behind_a_wall_is_not_seen() -> None:
-    behind = [LineString([(x, -50), (x, 50)]) for x in np.arange(3, 40, 0.5)]
-    obstacles = VisibleObstacles([LineString([(2, -100), (2, 100)]), *behind])
-    found = obstacles.scan(np.zeros((1, 3)), Fan(-1.0, 0.01, 201, 30.0))[0]
-    assert found == pytest.approx(2 / np.cos(-1.0 + 0.01 * np.arange(201)))
 
 
 def test_bodies_can_move_far_beyond_the_walls_and_robots_are_replaced() -> None:
