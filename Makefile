@@ -94,7 +94,7 @@ api: stubs
 	@$(BIN)/python docs/make_api.py
 
 pictures: stubs
-	@$(BIN)/python docs/make_pictures.py
+	@$(BIN)/python -m docs.make_pictures
 
 ros2: stubs
 	@$(BIN)/python -m testkit.ros2_environment

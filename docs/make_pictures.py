@@ -1,6 +1,6 @@
 """Take the pictures of the console in docs/pictures from a running system of its own (`make pictures`).
 
-    python docs/make_pictures.py [FOLDER] [--browser PROGRAM]
+    python -m docs.make_pictures [FOLDER] [--browser PROGRAM]
 
 It starts the building five-floors with three robots and the console on free ports, and takes each page, 1366 x 768,
 by Playwright. Exit code 1 with a reason where there is no browser."""
