@@ -56,7 +56,7 @@ demo: stubs
 	@$(BIN)/python -m robocorba.clients.$(if $(filter perception,$(DEMO)),perception_)demo $(if $(CONSOLE),--console)
 
 # The two halves of the suite, CONTRIBUTING.md; test-all runs both at once.
-test: HALF := --numprocesses 7 -m "not full"
+test: HALF := --numprocesses 5 -m "not full"
 # Units of actual robots answer within 0.3 s, or the robot stops.
 test-rest: HALF := --numprocesses 5 -m full
 test-all: HALF := --numprocesses 7

@@ -23,6 +23,8 @@ from robocorba.system.extras import require_extra, requirements
 
 from .test_structure import PRODUCT
 
+pytestmark = [pytest.mark.system, pytest.mark.full]
+
 PROGRAM = Path(__file__).with_name("without_extras_program.py")
 #: By extra, what imports its packages. All else is the core.
 OF_EXTRA = {

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = [pytest.mark.system, pytest.mark.full]
+
 ROOT = Path(__file__).resolve().parents[1]
 TEST = """
 import pytest

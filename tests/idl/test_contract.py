@@ -22,6 +22,8 @@ from robocorba.simulation import picture, registry, reservations, simulated_robo
 from robocorba.simulation.sensing import fan, virtual_sensor
 from robocorba.stubs import RoboCorba
 
+pytestmark = [pytest.mark.system, pytest.mark.full]
+
 IDL = Path(__file__).resolve().parents[2] / "idl"
 
 BEFORE = """

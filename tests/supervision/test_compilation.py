@@ -17,6 +17,8 @@ from robocorba.system.supervision import compilation
 from robocorba.system.supervision.compilation import Progress, compile_kernels
 from testkit.processes import eventually, is_running
 
+pytestmark = [pytest.mark.system, pytest.mark.full]
+
 ROOT = Path(__file__).parents[2]
 SOURCE = "\n@kernel\ndef first(x):\n    return x\n\n\n@kernel\ndef second(x):\n    return first(x)\n"
 

@@ -27,6 +27,8 @@ from testkit.nursery import ForkedProcess, Nursery
 from testkit.processes import ROBOCORBA, Launcher, command_line, eventually, is_running
 from tests.waits import until
 
+pytestmark = [pytest.mark.system, pytest.mark.full]
+
 PROGRAM = "tests.supervision.forked_program"
 #: Whatever it runs on: a condition is waited for at most this long [s].
 LIMIT_S = 60.0
