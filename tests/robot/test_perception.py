@@ -53,7 +53,8 @@ class Robot:
     def _explains(self, floor: str, points: Floats, within_m: Floats) -> Floats:
         if not self.is_informed:
             raise NotReachable("no pool")
-        return shapely.distance(shapely.points(points), shapely.union_all([ROOM, *self.known])) <= within_m
+        with np.errstate(divide="ignore"):  # shapely finds the flag that a division in a kernel has left
+            return shapely.distance(shapely.points(points), shapely.union_all([ROOM, *self.known])) <= within_m
 
     def look(self, scan: Scan | None, times: int = 1) -> Sequence[SeenThing]:
         for _ in range(times):
