@@ -17,6 +17,7 @@ EXAMPLES = {
     "map_editor.test_proposals:ProposalMachine": 300,
     "missions.test_carry_agreement:Carry": 400,
     "missions.test_missions_under_faults:Missions": 50,
+    "missions.test_succession_of_leaders:Succession": 800,
     "orb.test_pool_follower:Following": 80,
     "robot.test_alone:SharedStops": 1000,
     "robot.test_emergency_stop:Stops": 300,

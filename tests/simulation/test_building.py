@@ -1,9 +1,10 @@
-"""The simulated building: robots, velocity commands, grips, edits of the map, placing."""
+"""The simulated building: robots, velocity commands, grips, edits of the map, records, placing."""
 
 from __future__ import annotations
 
 import math
 
+import msgspec
 import pytest
 
 from robocorba.errors.paths import UnknownFloor
@@ -12,7 +13,8 @@ from robocorba.map_editor.model import BoxShape, ElementKind, Floor, MapObject, 
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding
 from robocorba.simulation.physics import STEP_S
-from tests.simulation.places import enter, run, tower
+from robocorba.simulation.world_record import WorldRecord
+from tests.simulation.places import enter, robot, run, tower
 
 
 @pytest.fixture
@@ -98,6 +100,19 @@ def test_objects_of_one_name_on_two_floors_are_two() -> None:
     world.place("L2/T1", Pose("L2", 2.0, 8.0))
     world.occupants.grip("A", "T1", (1.6, 2.0))  # there is only one on its floor
     assert world.occupants.robots["A"].holding == "L1/T1"
+
+
+def test_a_record_restores_robots_at_rest_and_moved_objects(world: SimulatedBuilding) -> None:
+    enter(world, "A", "L1", 1.0, 2.0)
+    world.occupants.grip("A", "T1", (1.6, 2.0))
+    world.occupants.robots["A"].command(0.0, 0.3, 0.0, 2.0)
+    run(world, 1.0)
+    record = msgspec.msgpack.decode(msgspec.msgpack.encode(world.record()), type=WorldRecord)
+    again = SimulatedBuilding(tower())
+    again.restore(record, [robot("A", "L1", 1.0, 2.0), robot("D", "L1", 9.0, 1.0)])
+    assert (again.time, again.record().objects) == (world.time, world.record().objects)
+    assert again.occupants.robots["A"].state().velocity == (0.0, 0.0, 0.0)
+    assert again.occupants.pose("D") == Pose("L1", 9.0, 1.0, 0.0)
 
 
 def test_a_robot_is_placed_at_rest_on_any_floor(world: SimulatedBuilding) -> None:
