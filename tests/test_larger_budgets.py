@@ -9,7 +9,7 @@ import pytest
 from hypothesis import seed, settings
 from hypothesis.stateful import run_state_machine_as_test
 
-pytestmark = pytest.mark.full
+pytestmark = [pytest.mark.full, pytest.mark.slow]
 
 #: Examples of each, 10 to 25 s of a processor.
 EXAMPLES = {

@@ -254,7 +254,7 @@ class Operator:
             expect(self.fact("pose")).to_have_text(re.compile(rf"L1: {at[0]:.1f}\d m, {at[1]:.1f}\d m, 0°"))
 
     def drive_here(self) -> None:
-        """The selected robot drives to two places; where it can't, the monitor says why."""
+        """The selected robot patrols, until it drives elsewhere; where it can't, the monitor says why."""
         canvas, note = self.page.get_by_label(re.compile("Floor L1")), self.page.locator(".drive-note")
         self.press("d")
         expect(note).to_contain_text("click where R2 is to drive")
@@ -263,9 +263,13 @@ class Operator:
         self.click_map(canvas, (0.1, 3.0))
         expect(note).to_contain_text("is not free")
         self.button("Undo", note).click()
+        self.button("Patrol", note).click()
+        expect(self.fact("icon")).to_contain_text("inside 2")
+        self.press("d")
+        self.click_map(canvas, (1.0, 5.0))
         self.button("Drive", note).click()
         expect(self.fact("result")).to_have_text("done")
-        expect(self.fact("pose")).to_contain_text("L1: 2.5")
+        expect(self.fact("pose")).to_have_text(re.compile(r"L1: (0\.9|1\.0)\d m, (4\.9|5\.0)\d m"))
         self.click_map(canvas, (0.1, 3.0), button="right")
         expect(note).to_contain_text("is not free")
         self.press("Escape")

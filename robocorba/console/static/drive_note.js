@@ -42,14 +42,12 @@ export default {
   },
   watch: {
     places: { handler: "plan", immediate: true },
-    "robot.name": "plan",
   },
   methods: {
     async plan() {
       const { robot, places } = this;
       this.problem = "";
       this.show([]);
-      if (!places.length) return;
       this.isAsking = true;
       try {
         const legs = await Promise.all(places.map((goal, index) => this.leg(places[index - 1] ?? robot.at, goal)));
@@ -78,10 +76,10 @@ export default {
       const program = JSON.stringify({ format: 1, name: PROGRAM, robot: "SmartPal", icons: body });
       this.isAsking = true;
       try {
-        await this.endDrive();
         const { findings } = await call("check_program", { robot: name, program });
         const error = findings.find(({ kind }) => kind === "error");
         if (error) throw new Error(error.reason);
+        await this.endDrive();
         await call("run_program", { robot: name, program });
         this.$emit("close");
       } catch (error) {

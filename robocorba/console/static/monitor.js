@@ -41,10 +41,10 @@ export default {
                   :aria-label="'Floor ' + current + '; + and - zoom, 0 shows all, arrows move, F follows'"></canvas>
           <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
           <PastNote v-if="!past.isLive" :past="past" :events="events" @live="$refs.time.goLive()" />
-          <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <DriveNote v-else-if="places && robot" :robot="robot" :radius="radiusOf(robot.name)" :places="places"
                      @ways="scene.drive = $event; canvas.redraw()" @undo="places = places.slice(0, -1)"
                      @close="places = null" />
+          <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <RayLegend v-if="past.isLive" :scans="seen" />
           <div class="console-tools" role="toolbar" aria-label="View">
@@ -179,9 +179,12 @@ export default {
       if (!this.places) this.scene.drive = [];
       this.canvas.redraw();
     },
+    mayDrive() {
+      if (!this.mayDrive) this.places = null;
+    },
     isMoving() {
-      this.places = null;
-      if (!this.isMoving) this.drag.cancel();
+      if (this.isMoving) this.places = null;
+      else this.drag.cancel();
     },
   },
   methods: {
@@ -249,7 +252,7 @@ export default {
       const { isLive, at, recording } = news;
       this.past = { isLive, at, recording, floors: recording ? news.floors ?? this.past.floors : undefined };
       this.scene.isPast = !news.isLive;
-      if (!news.isLive) [this.isMoving, this.places] = [false, null];
+      if (!news.isLive) this.isMoving = false;
       const names = this.shownFloors;
       if (!names.includes(this.current)) this.display(this.firstOf(names));
       else if (wasOther) this.display(this.current);

@@ -5,6 +5,7 @@ const VIEW = [["+ \u2212", "enlarge, reduce"], ["0", "show everything"]];
 const KEYS = {
   Monitor: [
     ...VIEW, [ARROWS, "move the view"], ["F", "follow the selected robot"],
+    ["D, right click", "drive the selected robot there"],
     ["\u2191 \u2193", "in the table: the robot before, the next one"],
     ["\u2190 \u2192", "in tabs: the one before, the next one"],
     ["Q E", "turn what is being dragged"], ["Esc", "end dragging, a tool, following, the selection"],
