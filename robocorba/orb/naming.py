@@ -24,6 +24,9 @@ from robocorba.system.settings import Address, RoleNaming
 
 #: For this time a name may be stolen [s].
 STOLEN_S = 2.5
+#: After this time an object that does not answer is gone [s]: a server that hangs is back before, a computer that was
+#: switched off is not.
+SILENT_S = 30.0
 #: Interval between two log lines about the same stolen name, and about names that can't be bound [s]: over a bad link
 #: that changes all the time.
 LOG_INTERVAL_S = 60.0
@@ -158,13 +161,13 @@ class NamingService:
             context.unbind(own)
             context.rebind(own, reference)
 
-    def is_gone(self, reference: Any) -> bool:
-        """Whether an object does not exist any more, or its server does not run."""
+    def is_gone(self, reference: Any) -> bool | None:
+        """Whether an object does not exist any more, or its server does not run; None if nothing answers."""
         try:
             set_call_timeout(reference, PROBE_TIMEOUT_S)
             return bool(reference._non_existent())
-        except CORBA.TIMEOUT:  # it hangs
-            return False
+        except CORBA.TIMEOUT:
+            return None
         except CORBA.SystemException:
             return True
 
@@ -274,6 +277,8 @@ class BoundNames:
         self._served: dict[str, Any] = {}
         self._owns_names: Callable[[], bool] = lambda: True
         self._bound: set[str] = set()
+        #: Time since which the object that another process has bound to a name does not answer [s].
+        self._silent_since: dict[str, float] = {}
         #: Number of thefts of a path since its last log line, and the time of that line [s].
         self._thefts: dict[str, tuple[int, float]] = {}
         self._is_started = False
@@ -321,7 +326,7 @@ class BoundNames:
             return  # withdrawn
         try:
             found = self._names.bound(name) if self._yields or name in self._bound else None
-            if self._yields and found is not None and self._names.is_gone(found):
+            if self._yields and found is not None and self._is_gone(name, found):
                 found = None
         except CORBA.MARSHAL:  # a reference that can't be read
             if self._owns_names():
@@ -341,6 +346,13 @@ class BoundNames:
         elif self._owns_names():
             self._names.take_back(name, reference)
             self._note_theft(self._names.path(name), self._names.address_bound(found))
+
+    def _is_gone(self, name: str, found: Any) -> bool:
+        is_gone, now = self._names.is_gone(found), time.monotonic()
+        if is_gone is None:
+            return now - self._silent_since.setdefault(name, now) > SILENT_S
+        self._silent_since.pop(name, None)
+        return is_gone
 
     def _note_theft(self, path: str, other: str, what: str = "took back the name %s") -> None:
         """Log who has or had bound a name, at most once in LOG_INTERVAL_S."""

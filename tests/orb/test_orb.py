@@ -288,7 +288,7 @@ class Names:
         #: Names that are bound to a reference that can't be read, unless it is the right one; and those that can't be
         #: bound.
         self.unreadable, self.refused = set[str](), set[str]()
-        self.gone = set[Any]()
+        self.gone, self.silent = set[Any](), set[Any]()
         self._own: dict[str, Any] = {}
 
     def bound(self, name: str) -> Any:
@@ -305,8 +305,8 @@ class Names:
             raise CORBA.NO_PERMISSION()
         self.bindings[name] = self._own[name] = reference
 
-    def is_gone(self, reference: Any) -> bool:
-        return reference in self.gone
+    def is_gone(self, reference: Any) -> bool | None:
+        return None if reference in self.silent else reference in self.gone
 
     def address_bound(self, reference: Any) -> str:
         return "10.0.0.1:666"
@@ -375,7 +375,9 @@ def test_a_name_that_belongs_to_another_now_is_left_to_it(names: Any) -> None:
     assert names.bindings == {"A": other}
 
 
-def test_a_name_stays_with_another_process_while_that_is_there(names: Any, caplog: pytest.LogCaptureFixture) -> None:
+def test_a_name_stays_with_another_process_while_that_is_there(
+    names: Any, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
     own, other = Reference(), Reference()
     names.bindings["A"] = other
     with contextlib.closing(BoundNames(names, 0.001, yields=True)) as bound, caplog.at_level(logging.WARNING):
@@ -384,6 +386,13 @@ def test_a_name_stays_with_another_process_while_that_is_there(names: Any, caplo
         assert caplog.messages == ["left the name RoboCorba/A to another: an object at 10.0.0.1:666 was bound to it"]
         names.gone = {other}
         eventually(lambda: names.bindings == {"A": own, "B": own}, PATIENCE_S)
+        names.silent = {silent := Reference()}
+        names.bindings["A"] = silent
+        calls = names.calls
+        eventually(lambda: names.calls > calls + 3, PATIENCE_S)
+        assert names.bindings["A"] is silent  # it may only hang
+        monkeypatch.setattr(module, "SILENT_S", 0.01)
+        eventually(lambda: names.bindings["A"] is own, PATIENCE_S)
         names.bindings["A"] = Reference()
         calls = names.calls
         eventually(lambda: names.calls > calls + 3, PATIENCE_S)
