@@ -206,7 +206,9 @@ sys.stdin.read()
 
 def test_lines_environment_and_end_of_a_child(tmp_path: Path) -> None:
     with LoggedProcess(tmp_path / "log", sys.executable, "-c", ECHO, stdin=subprocess.PIPE) as child:
-        child.write_line("one")
+        assert child.stdin
+        child.stdin.write("one\n")
+        child.stdin.flush()
         assert child.read_line(60.0) == "one\n"
         with pytest.raises(TimeoutError):
             child.read_line(0.01)

@@ -44,15 +44,6 @@ def module_command(module: str, *arguments: str) -> tuple[str, ...]:
     return (sys.executable, *_RUN_MODULE, module, *arguments)
 
 
-def module_of(command: Sequence[str]) -> ModuleRun | None:
-    """The module that a command line of `module_command` runs; None for another command."""
-    *start, _ = module_command("")
-    if list(command[: len(start)]) != start or len(command) == len(start):
-        return None
-    name, *arguments = command[len(start) :]
-    return ModuleRun(name, tuple(arguments))
-
-
 def bound_command(*command: str, cores: Sequence[int] = ()) -> tuple[str, ...]:
     """The command line that runs `command`, on `cores` or on all, and is killed when this process ends. Start it in the
     main thread: the kernel kills it when the thread that started it ends."""
@@ -105,12 +96,6 @@ class LoggedProcess(ChildProcess):
             with contextlib.suppress(OSError):
                 self.stdin.close()
         self._reader.join(self._grace_period_s)
-
-    def write_line(self, line: str) -> None:
-        """Write a line to its stdin, which must be a pipe. Raises OSError if it has ended."""
-        assert self.stdin is not None
-        self.stdin.write(line + "\n")
-        self.stdin.flush()
 
     def read_line(self, timeout_s: float) -> str:
         """The next line of its stdout, with its newline; empty if it has ended. Raises TimeoutError."""
