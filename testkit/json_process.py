@@ -47,8 +47,10 @@ class Process(LoggedProcess):
 
     def send(self, value: Any) -> None:
         """Send a value. Raises ProcessFailed where the process has ended."""
+        assert self.stdin is not None
         try:
-            self.write_line(json.dumps(value))
+            self.stdin.write(json.dumps(value) + "\n")
+            self.stdin.flush()
         except OSError:
             raise ProcessFailed(f"{self._name} ended: {self.log_tail()}") from None
 

@@ -17,7 +17,7 @@ from typing import Any
 
 from robocorba.commands import SUBCOMMANDS
 from robocorba.system.supervision.children import set_subreaper
-from robocorba.system.supervision.launch import ModuleRun, bound_command, module_command, module_of
+from robocorba.system.supervision.launch import ModuleRun, bound_command, module_command
 from robocorba.system.supervision.warm_parent import ENVIRONMENT, MAX_REQUEST
 from testkit.json_process import ROOT
 
@@ -108,8 +108,10 @@ def _fixed(environment: Any) -> dict[str, str]:
 
 def _modules(command: Sequence[str]) -> tuple[Any, ...]:
     """The modules to load for a command, and last the one to run; empty for other programs."""
-    if found := module_of(command):
-        return (found,) if found.name.startswith("robocorba.servers.") else ()
+    *start, _ = module_command("")
+    if list(command[: len(start)]) == start:
+        name, *arguments = command[len(start) :]
+        return (ModuleRun(name, tuple(arguments)),) if name.startswith("robocorba.servers.") else ()
     if Path(command[0]).name != "robocorba" or len(command) < 2 or command[1] not in SUBCOMMANDS:
         return ()
     _, name, *arguments = command

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from types import NoneType, UnionType
-from typing import Any, get_args
+from typing import Any, Union, get_args, get_origin
 
 from robocorba.errors.base import RoboCorbaError
 
@@ -25,7 +25,7 @@ class NotPossible(RoboCorbaError):
 def checked(name: str, value: Any, wanted: object) -> Any:
     """The value of the parameter `name` if it has the type of it, which may also be a list of texts, or a type or None;
     values of other types are left to the operation. Raises InvalidArguments."""
-    kind, *others = get_args(wanted) if isinstance(wanted, UnionType) else (wanted,)
+    kind, *others = get_args(wanted) if get_origin(wanted) in (Union, UnionType) else (wanted,)
     if value is None and NoneType in others:
         return None
     if kind is str and not _is_text(value):

@@ -30,7 +30,7 @@ from robocorba.robot.senses import RangeSensor, usual_sensors
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import Mount, ScanSpec
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 JOINTS_AT_ZERO = SimpleNamespace(joints=np.zeros(len(JOINTS)))
 STATE = cast(Any, SimpleNamespace(at=Pose("L1", 1.0, 1.0, 0.0), actor=JOINTS_AT_ZERO, adaptor="corba"))
 

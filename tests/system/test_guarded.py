@@ -33,7 +33,7 @@ pytestmark = [pytest.mark.system, pytest.mark.full]
 ATTACKERS = (Role.OBSERVER, Role.ROBOT)
 SECRET = "a secret of the attacker"
 #: Time limit for restarts, names and rights [s].
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 @pytest.fixture(scope="module")

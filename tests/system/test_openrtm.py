@@ -27,7 +27,7 @@ from testkit.virtual_and_actual import robot_process
 pytest.importorskip("rtctree", reason="rtshell-aist is not installed")
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 BIN = Path(sys.executable).parent
 AHEAD = (0.2, 0.0, 0.0)
 STAND = (0.0, 0.0, 0.0)

@@ -31,7 +31,7 @@ from tests.waits import pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow]
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 Start = Callable[..., "subprocess.Popen[str]"]
 StartRobot = Callable[..., RemoteAgent]
 LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.0, 60.0).program()

@@ -35,7 +35,7 @@ from tests.waits import outlast, pause
 
 pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.4, 60.0).program()
 WAITING = ProgramBuilder("waiting").wait(600.0).program()
 SHORT = ProgramBuilder("short").mbase_by(ahead=0.05).program()

@@ -30,7 +30,7 @@ from testkit.virtual_and_actual import robot_process
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 PYTHON = ros2_python()
 if not PYTHON:
     pytest.skip("ROS 2 is not installed; see make ros2", allow_module_level=True)

@@ -25,7 +25,7 @@ from tests.waits import pause
 
 pytestmark = pytest.mark.system
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 #: Slower than this a base stands.
 STANDS_M_S = 0.02
 

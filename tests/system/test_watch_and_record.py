@@ -33,7 +33,7 @@ from testkit.simulation import about
 
 pytestmark = [pytest.mark.system, pytest.mark.usefixtures("robots")]
 
-PATIENCE_S = 40.0
+PATIENCE_S = 120.0
 POSTURE = [0.1] * len(JOINTS)
 Robocorba = Callable[..., "subprocess.Popen[str]"]
 
