@@ -99,8 +99,8 @@ class Camera:
             raise InvalidSetting("--floor", ", ".join(floors), "a video shows one floor")
         self._width_px = width_px
         self._database = RemoteDatabase(orb, RETRY_TIMEOUT_S)
-        # The first picture of a floor is slow.
-        self._server = simulation_server(orb, RETRY_TIMEOUT_S, call_timeout_s=15.0)
+        # The first picture of a floor takes two seconds of a processor that others may use.
+        self._server = simulation_server(orb, RETRY_TIMEOUT_S, call_timeout_s=60.0)
         self._floor = floors[0] if floors else ""
 
     def png(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> bytes:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import math
 import random
+import re
 import time
 from collections.abc import Callable, Collection, Container, Mapping, Sequence
 from types import MappingProxyType
@@ -71,7 +72,7 @@ class Leader:
             if not isinstance(error, MissionFailed):
                 _log.warning("mission %s: %s: %s", self._mission, type(error).__name__, error)
             if self._faults:
-                reason = f"{reason}; before: {'; '.join(self._faults)}"
+                reason = f"{reason}, at attempt {len(self._faults) + 1}{_before(self._faults, reason)}"
             self._end("aborted", reason)
         self._robot.areas.release()
         attempt = self._attempt
@@ -323,6 +324,13 @@ class Leader:
             attempt.publish_order()
             self._robot.check()
         return {name: answers.get(name, "no answer in time") for name in assignments}
+
+
+def _before(faults: Sequence[str], last: str) -> str:
+    """The faults of earlier attempts: of those that differ by numbers only the latest, and none like `last`."""
+    found = {re.sub(r"[\d.]+", "", fault): fault for fault in (*faults, last)}
+    others = [fault for fault in found.values() if fault != last]
+    return f"; before: {'; '.join(others)}" if others else ""
 
 
 def _stays(staying: Mapping[str, str]) -> str:

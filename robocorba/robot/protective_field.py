@@ -103,7 +103,9 @@ class ProtectiveField:
         """The speed that is allowed in the direction of the velocity that a motion wants. Raises Obstructed, Blind once
         it has been held for HELD_S."""
         allowed_m_s, error = self.limit(vx, vy)
-        self.awaited = f"a free way: {error}" if error else ""
+        # The first scan of a drive takes a moment, which is not shown.
+        is_shown = self._held_since is not None and self._state.time - self._held_since >= 5 * READ_S
+        self.awaited = f"a free way: {error}" if error and is_shown else ""
         if error is None:
             self._held_since = None
         elif self._held_since is None:

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Collection, Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import chain, pairwise, repeat
 from typing import ClassVar
 
 import pytest
@@ -15,7 +15,7 @@ import shapely
 from shapely import Point
 from shapely.geometry.base import BaseGeometry
 
-from robocorba.errors.robots import InTheWay
+from robocorba.errors.robots import InTheWay, MissionFailed
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.pose import Pose
@@ -237,19 +237,22 @@ def test_attempts_and_steps_are_bounded_and_a_leader_waits_for_servers_that_are_
     report = crew.leader("A", RECOVERING).lead("test", lambda: failing)
     assert report.result == "failed"
     assert len(report.faults) == RECOVERING.max_recoveries
-    assert report.reason.endswith(f"; before: {'; '.join(report.faults)}")
+    assert report.reason.endswith(f", at attempt {len(report.faults) + 1}")  # all were of one kind
     assert "phase 0 took longer than 0.01 s" in report.faults[0]
     are_free(crew)
     failing, then = Given([Idle()], [near("B", 0.6, limit_s=0.01)]), Given([Idle()], [Idle()])
     answers = iter([failing, NotReachable("the map editor does not answer"), then])
+    others: Iterator[Given | Exception] = chain([failing], repeat(MissionFailed("impossible")))
 
-    def make() -> Given:
+    def make(answers: Iterator[Given | Exception] = answers) -> Given:
         answer = next(answers)
         if isinstance(answer, Exception):
             raise answer
         return answer
 
     assert crew.leader("A", RECOVERING).lead("test", make).result == "done"
+    report = crew.leader("A", RECOVERING).lead("test", lambda: make(others))
+    assert report.reason == f"impossible, at attempt 2; before: {'; '.join(report.faults)}"
 
 
 # ---- the way is cleared ----
