@@ -7,19 +7,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from robocorba.bridges.ros2 import ros_node
 from robocorba.commands.options import Naming, connected
 from robocorba.commands.served_map import ServedMap
 from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
 from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.paths import UnknownFloor
-from robocorba.errors.services import ServiceError
 from robocorba.map_editor.formats.floor_grid import DEFAULT_RESOLUTION_M
 from robocorba.simulation.corba.remote_lasers import RemoteLasers
 from robocorba.system.printing import echo
 
 if TYPE_CHECKING:
-    from robocorba.bridges.ros2.node import RosNode
     from robocorba.bridges.ros2.publisher import RosPublisher
     from robocorba.bridges.ros2.robot_interfaces import RobotInterfaces
     from robocorba.simulation.sensing.continuous_scans import ContinuousScans
@@ -49,7 +48,7 @@ def ros2(
     """Show the running system in ROS 2, and take orders for robots from there, until Ctrl-C or SIGTERM.
 
     It needs rclpy and the standard messages of ROS 2 Jazzy or later in the same Python."""
-    with connected("ros2", naming) as orb, contextlib.closing(_node(domain)) as node:
+    with connected("ros2", naming) as orb, contextlib.closing(ros_node(domain)) as node:
         from robocorba.bridges.ros2.frames import Frames
         from robocorba.bridges.ros2.node import RosTopics
         from robocorba.bridges.ros2.publisher import RosPublisher
@@ -80,17 +79,6 @@ def ros2(
             node.start()
             echo(f"ROS domain {node.domain}: {', '.join(sorted(places)) or 'no robots yet'}")
             _serve(stop, system, served, publisher, interfaces, lasers)
-
-
-def _node(domain: int | None) -> RosNode:
-    try:
-        from robocorba.bridges.ros2.node import RosNode
-    except ImportError as error:
-        raise ServiceError(
-            f"ROS 2 is not installed in this Python ({error}): source its setup file, such as"
-            " /opt/ros/jazzy/setup.bash, and use its Python; see docs/ros2.md"
-        ) from None
-    return RosNode(domain)
 
 
 def _serve(

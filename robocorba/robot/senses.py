@@ -17,6 +17,9 @@ from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.simulation.sensing.scan import RAY_SENSORS, Mount, ScanSpec, ray_sensor
 
+#: Time without a new measurement after which a sensor has failed [s].
+FROZEN_S = 1.0
+
 
 class RangeSensor(NamedTuple):
     """A sensor of rays. name: as in programs, `laser` or `proximity`; others serve CORBA clients only."""

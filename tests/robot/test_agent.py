@@ -83,7 +83,7 @@ def test_what_is_refused_says_why(agent: ControlAgent, place: Place) -> None:
         (lambda: agent.drive((0.0, -1.7e308, 0.0), 0.5), InvalidChoice, r"wanted\.left: -1\.7e\+308 is no velocity"),
         (lambda: agent.drive((0.0, 0.0, -math.inf), 0.5), InvalidChoice, r"wanted\.turn"),
         *((lambda valid_s=valid_s: agent.drive((0.0,) * 3, valid_s), InvalidChoice, "validFor") for valid_s in WRONG_S),
-        (lambda: agent.switch("hovering", ()), UnknownAdaptor, "known are corba, simulated, smartpal"),
+        (lambda: agent.switch("hovering", ()), UnknownAdaptor, "known are corba, ros2, simulated, smartpal"),
         (lambda: agent.switch("simulated", ("--x", "1")), AdaptorFailed, "takes no arguments, such as '--x'"),
         (never_started.run, IllegalOrder, "was never started"),
         (lambda: never_started.switch("simulated", ()), IllegalOrder, "was never started"),

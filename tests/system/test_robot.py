@@ -86,7 +86,7 @@ def test_agents_refuse_what_makes_no_sense_and_wait_for_each_other(start: StartR
     with pytest.raises(InvalidProgram) as wrong:
         c.load(json.dumps({"name": "x", "icons": [{"icon": "wait", "seconds": -1}]}))
     assert (wrong.value.icon, wrong.value.parameter) == ("icons[0]", "seconds")
-    with pytest.raises(UnknownAdaptor, match="known are corba, simulated, smartpal"):
+    with pytest.raises(UnknownAdaptor, match="known are corba, ros2, simulated, smartpal"):
         c.switch("hovering", [])
     with pytest.raises(AdaptorFailed, match="Adaptors/C is not reachable"):
         c.switch("corba", [])

@@ -8,6 +8,7 @@ import contextlib
 import math
 import os
 import signal
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,9 @@ import pytest
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.model import Wall
 from robocorba.orb.orb import Orb
-from robocorba.robot.agent_state import AgentCondition, ProgramResult
+from robocorba.robot.agent_state import AgentCondition, ProgramReport, ProgramResult
 from robocorba.robot.corba.remote_agent import RemoteAgent
+from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.stubs import RoboCorba
@@ -158,6 +160,50 @@ def test_a_foreign_node_sees_two_robots_and_gives_orders(
         out, err = again.communicate(timeout=PATIENCE_S)
         assert (again.returncode, out) == (0, "")
         assert "Traceback" not in err
+
+
+def test_programs_drive_a_robot_that_speaks_ros_2(
+    system: Running, system_orb: Orb, domain: int, launch: Launcher, tmp_path: Path
+) -> None:
+    """By its odometry, up to a wall that only its own laser sees; and it is stopped once it is silent."""
+    ros = {"PYTHONPATH": python_path(), "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(domain)}
+    ros["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    robot = launch(PYTHON, "-m", "testkit.ros2_robot", "3.0", **ros)
+    assert robot.stdout
+    where = [(0.0, 0.0, 0.0)]
+
+    def follow() -> None:
+        for line in robot.stdout or ():
+            x, y, heading = map(float, line.split("\t"))
+            where.append((x, y, heading))
+
+    threading.Thread(target=follow, daemon=True).start()
+    process = launch(
+        *(PYTHON, "-m", "robocorba", "robot", "C", "--floor", "L1", "--at", "3,2,0", "--adaptor", "ros2"),
+        *("--", "--scan", "scan@0.1,0,0", "--namespace", "/"),
+        **{**ros, "ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "state")},
+    )
+    assert process.stdout and process.stdout.readline() == "ready\n", process.communicate(timeout=PATIENCE_S)[1]
+    agent = RemoteAgent(system_orb, "C")
+
+    def run(builder: ProgramBuilder) -> ProgramReport:
+        agent.load(program.dumps(builder.program()))
+        agent.run()
+        is_done = lambda: agent.state().program.result is not ProgramResult.NO_RESULT  # noqa: E731
+        eventually(is_done, PATIENCE_S, "the end of the program")
+        return agent.state().program
+
+    assert run(ProgramBuilder("there and back").mbase_by(ahead=1.0).mbase_path("L1", 4.0, 3.0)).reason == ""
+    eventually(lambda: where[-1][:2] == pytest.approx((1.0, 1.0), abs=0.02), PATIENCE_S, "where it says it is")
+    run(ProgramBuilder("turn").mbase_path("L1", 3.0, 2.0).mbase_to(3.0, 2.0, 0.0))
+    report = run(ProgramBuilder("too far").mbase_by(ahead=4.0))
+    assert report.result is ProgramResult.FAILED and "laser sees something" in report.reason
+    assert 0.05 <= 3.0 - RADIUS_M - max(x for x, _, _ in where) < 0.3
+    robot.send_signal(signal.SIGSTOP)
+    eventually(lambda: agent.state().condition is AgentCondition.STOPPED, PATIENCE_S, "it is lost")
+    assert "its odometry has been silent" in agent.state().reason
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(PATIENCE_S) == 0
 
 
 def seconds(stamp: Any) -> float:

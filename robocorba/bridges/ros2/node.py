@@ -18,7 +18,6 @@ from robocorba.errors.services import ServiceError
 from robocorba.system.background import Background, end_process
 from robocorba.system.settings import limit_ros_discovery
 
-NODE = "robocorba"
 #: Timeout for the end of the node's thread [s].
 END_TIMEOUT_S = 5.0
 
@@ -29,12 +28,12 @@ class RosNode:
 
     domain: None for the environment's ROS_DOMAIN_ID. Raises ServiceError."""
 
-    def __init__(self, domain: int | None = None) -> None:
+    def __init__(self, domain: int | None, name: str) -> None:
         limit_ros_discovery()
         self.context = rclpy.Context()
         try:
             rclpy.init(context=self.context, domain_id=domain, signal_handler_options=SignalHandlerOptions.NO)
-            self.node = Node(NODE, context=self.context)
+            self.node = Node(name, context=self.context)
         except Exception as error:  # rclpy passes on what its layers raise
             raise ServiceError(f"ROS 2 can't be started: {error}") from None
         # Threads for orders and services, which may wait for robots for seconds.

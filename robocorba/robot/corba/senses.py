@@ -14,14 +14,12 @@ from robocorba.errors.sensing import InvalidScan, UnknownSensor
 from robocorba.orb.exceptions import register
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import translated
-from robocorba.robot.senses import Ranges, RangeSensor, Reading, Senses
+from robocorba.robot.senses import FROZEN_S, Ranges, RangeSensor, Reading, Senses
 from robocorba.simulation.corba import scans
 from robocorba.stubs import RoboCorba
 
 #: Timeout of a call [s].
 CALL_TIMEOUT_S = 0.3
-#: Time without a new measurement after which a sensor has failed [s].
-FROZEN_S = 1.0
 
 
 def range_sensor(sensor: RangeSensor) -> Any:

@@ -1,0 +1,66 @@
+"""A robot that speaks ROS 2 and knows nothing of RoboCorba: a disc with a laser 0.1 m ahead, before a wall.
+
+    python -m testkit.ros2_robot WALL_X
+
+Its odometry begins at the origin, ahead along x; the wall stands across x at WALL_X [m]. It stops 0.5 s after its last
+velocity, and prints where it is twenty times a second. It runs in a Python with ROS 2, see ros2_environment."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.qos import qos_profile_sensor_data
+from sensor_msgs.msg import LaserScan
+
+PERIOD_S, VALID_S, RAYS, LASER_AHEAD_M = 0.02, 0.5, 181, 0.1
+
+
+def main(wall_x: float) -> None:
+    rclpy.init()
+    node = rclpy.create_node("disc")
+    x = y = heading = 0.0
+    velocity, arrived_at, ticks = (0.0, 0.0, 0.0), 0.0, 0
+    odometry = node.create_publisher(Odometry, "odom", 10)
+    scans = node.create_publisher(LaserScan, "scan", qos_profile_sensor_data)
+
+    def obey(wanted: Twist) -> None:
+        nonlocal velocity, arrived_at
+        velocity, arrived_at = (wanted.linear.x, wanted.linear.y, wanted.angular.z), time.monotonic()
+
+    def distance(angle: float) -> float:
+        ahead = math.cos(heading + angle)
+        return (wall_x - x - LASER_AHEAD_M * math.cos(heading)) / ahead if ahead > 1e-6 else math.inf
+
+    def tick() -> None:
+        nonlocal x, y, heading, ticks
+        ahead, left, turn = velocity if time.monotonic() < arrived_at + VALID_S else (0.0, 0.0, 0.0)
+        c, s = math.cos(heading), math.sin(heading)
+        x, y = x + (c * ahead - s * left) * PERIOD_S, y + (s * ahead + c * left) * PERIOD_S
+        heading += turn * PERIOD_S
+        told: Any = Odometry()
+        told.header.stamp = node.get_clock().now().to_msg()
+        told.pose.pose.position.x, told.pose.pose.position.y = x, y
+        told.pose.pose.orientation.z, told.pose.pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
+        told.twist.twist.linear.x, told.twist.twist.linear.y, told.twist.twist.angular.z = ahead, left, turn
+        odometry.publish(told)
+        ticks += 1
+        if ticks % 5 == 0:
+            scan: Any = LaserScan(range_min=0.05, range_max=8.0, angle_min=-math.pi / 2, angle_max=math.pi / 2)
+            scan.header.stamp, scan.angle_increment = told.header.stamp, math.pi / (RAYS - 1)
+            scan.ranges = [distance(scan.angle_min + ray * scan.angle_increment) for ray in range(RAYS)]
+            scans.publish(scan)
+            print(f"{x:.4f}\t{y:.4f}\t{heading:.4f}", flush=True)
+
+    node.create_subscription(Twist, "cmd_vel", obey, 10)
+    node.create_timer(PERIOD_S, tick)
+    rclpy.spin(node)
+
+
+if __name__ == "__main__":
+    main(float(sys.argv[1]))
