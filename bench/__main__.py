@@ -30,8 +30,8 @@ BENCHES = {
         *("faults --fault servers --site door", "faults --fault cut", "faults --fault ways"),
     ),
     "console": ("viewers", "returns", "foxglove", "ros2"),
-    "starts": ("ready", "kills", "memory"),
-    "chaos": ("fuzz", "roles", "guarded_cost"),
+    "starts": ("ready", "kills"),
+    "chaos": ("fuzz", "roles"),
 }
 ROOT = Path(__file__).resolve().parents[1]
 
