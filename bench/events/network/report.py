@@ -130,12 +130,12 @@ def marks(found: Sequence[Cell]) -> list[Mark]:
         )
         what = f"{'ratio' if limit < 1.0 else 'cost'}, {link}, scans of {scans}, central in {place}"
         result.append(at_most(what, ratio(federated, standard).value, limit))
-    if at_60 := [cell for cell in found if _is_paper_point(cell) and cell.place == "servers"]:
-        size = [np.mean([run.bytes for run in some]) for some in (at_60[0].federated, at_60[0].standard)]
-        result.append(
-            at_most("bytes between sub-networks, federated to standard", float(size[0] / size[1]), BYTES_LIMIT)
-        )
-        result.append(at_most("the same ratio at 60 %, upper bound", compare(at_60[0]).high, 1.0))
+    for cell in found:
+        if cell.case == Case(PUSHED, PAPER, "A, B", PAPER_LOAD) and cell.place == "servers":
+            federated, standard = (np.array([run.bytes for run in some]) for some in (cell.federated, cell.standard))
+            what = "bytes between sub-networks, federated to standard"
+            result.append(at_most(what, ratio(federated, standard).value, BYTES_LIMIT))
+            result.append(at_most("ratio on the paper's network at 60 %, upper bound", compare(cell).high, 1.0))
     return result
 
 
@@ -143,7 +143,7 @@ def sentences(found: Sequence[Cell]) -> list[str]:
     """The paper's sentence about the load of 60 %, and how each curve changes from its lowest to its highest load."""
     result = []
     for cell in found:
-        if _is_paper_point(cell) or (cell.case.leader, cell.case.load) == (PUSHED, PAPER_LOAD):
+        if cell.case.link == PAPER and cell.case.load == PAPER_LOAD:
             federated, standard = (mean(means_ms(some, cell.which)) for some in (cell.federated, cell.standard))
             where = f"{cell.case.leader}, {cell.case.link.name}, central in {cell.place}, scans of {cell.case.scans}"
             result.append(
@@ -179,10 +179,6 @@ def invalid(found: Sequence[Cell], others_cores: float) -> str:
     if others_cores > OTHERS_TOLERANCE:
         reasons.append(f"other programs took {others_cores:.2f} cores")
     return "; ".join(reasons)
-
-
-def _is_paper_point(cell: Cell) -> bool:
-    return cell.case.load == PAPER_LOAD and cell.case.link == PAPER and cell.case.scans == "A, B"
 
 
 def _resampled(values: np.ndarray, chance: np.random.Generator) -> np.ndarray:
