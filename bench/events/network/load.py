@@ -48,11 +48,11 @@ class Core:
 
 
 def others_cpu_s() -> float:
-    """CPU time of all processes but this one and its ended children [s]: of other programs, once all have ended."""
-    everybody, own = psutil.cpu_times(), psutil.Process().cpu_times()
-    idle_s = everybody.idle + getattr(everybody, "iowait", 0.0)
-    guests_s = getattr(everybody, "guest", 0.0) + getattr(everybody, "guest_nice", 0.0)  # also in user and nice
-    return sum(everybody) - idle_s - guests_s - sum(own[:4])
+    """CPU time of all processes but this one and its ended children, with an unknown offset [s]: of other programs once
+    all children have ended. Idle time and the times of processes are exact."""
+    every_core, own = psutil.cpu_times(percpu=True), psutil.Process().cpu_times()
+    idle_s = sum(core.idle + getattr(core, "iowait", 0.0) for core in every_core)
+    return len(every_core) * time.monotonic() - idle_s - sum(own[:4])
 
 
 class Governor:

@@ -24,7 +24,7 @@ COST_LIMIT = 1.3
 BYTES_LIMIT = 0.4
 #: Load of the leader's core [share] by which a case may miss the wanted one, and load of other programs [cores], beyond
 #: which the measurement is invalid.
-LOAD_TOLERANCE, OTHERS_TOLERANCE = 0.1, 0.15
+LOAD_TOLERANCE, OTHERS_TOLERANCE = 0.1, 0.25
 RESAMPLES = 2000
 
 
