@@ -12,7 +12,7 @@ from bench.common.harness import NOT_MEASURED
 
 BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
-    "events": ("network", "channel", "chaos"),
+    "events": ("network --network paper", "network --network paper --leader all", "network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
     "robots": (
         "kinematics",
