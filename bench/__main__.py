@@ -12,7 +12,7 @@ from bench.common.harness import NOT_MEASURED
 
 BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
-    "events": ("network", "channel", "chaos"),
+    "events": ("network --network paper", "network --network paper --leader all", "network", "channel", "chaos"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
     "robots": (
         "kinematics",
@@ -30,8 +30,8 @@ BENCHES = {
         *("faults --fault servers --site door", "faults --fault cut", "faults --fault ways"),
     ),
     "console": ("viewers", "returns", "foxglove", "ros2"),
-    "starts": ("ready", "kills", "memory"),
-    "chaos": ("fuzz", "roles", "guarded_cost"),
+    "starts": ("ready", "kills"),
+    "chaos": ("fuzz", "roles"),
 }
 ROOT = Path(__file__).resolve().parents[1]
 

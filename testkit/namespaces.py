@@ -1,4 +1,4 @@
-"""Network namespaces as computers: hosts on a bridge, a gateway, and a TUN device to the other sub-network.
+"""Network namespaces as computers, each with a TUN device whose packets a router process carries.
 
 The namespaces are anonymous: the kernel removes them with their devices when the process that made them and all
 processes in them have ended, even by SIGKILL.
@@ -12,7 +12,7 @@ import fcntl
 import os
 import struct
 import subprocess
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TypeVar
@@ -69,33 +69,13 @@ class Namespace:
         """Run iproute2's `ip` in the namespace. Raises OSError with its stderr."""
         ip(*arguments, within=self.command())
 
-    def forward_packets(self) -> None:
-        """Make it a gateway."""
-        self.inside(lambda: _write("/proc/sys/net/ipv4/ip_forward", "1"))
-
-    def add_bridge(self, address: str) -> None:
-        """Add a switch for the hosts of a sub-network, with the gateway's ADDRESS/BITS."""
-        self.ip("link", "add", "switch", "type", "bridge")
-        self.ip("address", "add", address, "dev", "switch")
-        self.ip("link", "set", "switch", "up")
-
-    def add_host(self, host: Namespace, number: int, address: str, gateway: str) -> None:
-        """Connect a host's eth0, with its ADDRESS/BITS, to the switch."""
-        port = f"port{number}"
-        self.ip("link", "add", port, "type", "veth", "peer", "name", "eth0", "netns", host.path)
-        self.ip("link", "set", port, "master", "switch", "up")
-        host.ip("address", "add", address, "dev", "eth0")
-        host.ip("link", "set", "eth0", "up")
-        host.ip("route", "add", "default", "via", gateway)
-
-    def add_tun(self, network: str, address: str = "") -> int:
-        """Add a TUN device with an address, which routes to `network`; its descriptor ends with the namespace."""
+    def add_tun(self, address: str) -> int:
+        """Add a TUN device with an address and the default route; its descriptor ends with the namespace."""
         fd = self.inside(_new_tun)
         self._stack.callback(os.close, fd)
+        self.ip("address", "add", f"{address}/32", "dev", "line")
         self.ip("link", "set", "line", "up")
-        self.ip("route", "add", network, "dev", "line")
-        if address:
-            self.ip("address", "add", f"{address}/32", "dev", "line")
+        self.ip("route", "add", "default", "dev", "line")
         return fd
 
 
@@ -115,10 +95,10 @@ def own_network() -> None:
     ip("link", "set", "lo", "up")
 
 
-def start_router(devices: Sequence[int], folder: Path, cores: Sequence[int] = ()) -> Process:
-    """Start testkit.router between two TUN devices; it is ready for commands."""
-    command = checkout_command("testkit.router", *map(str, devices))
-    router = Process(command, folder / "router.log", cores, pass_fds=devices)
+def start_router(devices: Mapping[str, int], folder: Path, cores: Sequence[int] = ()) -> Process:
+    """Start testkit.router for the TUN devices of hosts by address; it is ready for commands."""
+    command = checkout_command("testkit.router", *(f"{address}={fd}" for address, fd in devices.items()))
+    router = Process(command, folder / "router.log", cores, pass_fds=list(devices.values()))
     router.receive(START_LIMIT_S)
     return router
 

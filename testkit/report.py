@@ -43,10 +43,10 @@ class Mark(NamedTuple):
     def is_reached(self) -> bool:
         return bool((operator.le if self.relation == "at most" else operator.ge)(self.value, self.limit))
 
-    @property
-    def sentence(self) -> str:
-        """The requirement and its verdict, in Rich markup."""
+    def sentence(self, invalid: str = "") -> str:
+        """The requirement and its verdict, in Rich markup; none if the measurement is `invalid`."""
         verdict = "[green]reached[/green]" if self.is_reached else "[red]missed[/red]"
+        verdict = "[yellow]invalid[/yellow]" if invalid else verdict
         return f"{self.what}: {cell(self.value)}, must be {self.relation} {cell(self.limit)}: {verdict}"
 
     def as_json(self) -> dict[str, Any]:
@@ -77,12 +77,13 @@ def summarize(
     marks: Sequence[Mark],
     draw: Draw | Figure,
     shown: Sequence[str] = (),
+    invalid: str = "",
     **more: Any,
 ) -> bool:
     """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
 
     All rows have the same columns; None prints as an empty cell. draw: the picture, or draws it. shown: the columns to
-    print, by default all. more: for the JSON file."""
+    print, by default all. invalid: why the measurement decides about no mark. more: for the JSON file."""
     console = Console(width=160)
     table = Table(title=title)
     columns = list(shown or rows[0])  # in one order, whatever that of each row
@@ -92,10 +93,12 @@ def summarize(
         table.add_row(*(cell(row[column]) for column in columns))
     console.print(table)
     for mark in marks:
-        console.print(mark.sentence)
+        console.print(mark.sentence(invalid))
+    if invalid:
+        console.print(f"invalid: {invalid}", style="yellow")
     RESULTS.mkdir(parents=True, exist_ok=True)
     found: dict[str, Any] = {"title": title, "machine": platform.machine(), "cores": os.cpu_count()}
-    found |= {"python": platform.python_version(), "load before": LOAD_BEFORE, **more}
+    found |= {"python": platform.python_version(), "load before": LOAD_BEFORE, "invalid": invalid, **more}
     found |= {"rows": list(rows), "marks": [mark.as_json() for mark in marks]}
     (RESULTS / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n")
     with (RESULTS / f"{name}.csv").open("w", newline="") as file:

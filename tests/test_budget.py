@@ -23,7 +23,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package, and words of documentation.
-LINES_AT_MOST = {"tests": 53_419, "testkit": 7_018, "bench": 10_062}
+LINES_AT_MOST = {"tests": 53_479, "testkit": 7_070, "bench": 10_020}
 WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_220, "CHANGELOG.md": 2_150}
 
 

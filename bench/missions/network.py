@@ -94,7 +94,7 @@ class TwoNetworks:
     def crossed(self) -> Crossed:
         counts = self._router.ask({})
         forth, back = (self._passed_on(channel, peer) for channel, peer in (("lab", "hall"), ("hall", "lab")))
-        return Crossed(sum(counts["bytes"]), forth, back, self._published, self._received)
+        return Crossed(counts["bytes"], forth, back, self._published, self._received)
 
     def watched(self) -> Crossed:
         """What crosses in WATCH_S."""
@@ -121,7 +121,7 @@ def two_networks(folder: Path, delay_ms: float, plan: Path | Building) -> Iterat
             lab, hall = (stack.enter_context(Namespace()) for _ in range(2))
         except OSError as error:
             raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
-        devices = [host.add_tun(f"{other}/32", own) for host, own, other in ((lab, HERE, THERE), (hall, THERE, HERE))]
+        devices = {address: host.add_tun(address) for host, address in ((lab, HERE), (hall, THERE))}
         router = stack.enter_context(start_router(devices, folder))
         router.ask({"delay_us": 1000 * delay_ms})
         lab.enter()

@@ -41,8 +41,6 @@ class Load(NamedTuple):
 
 #: Few callers that share connections, and one caller for each of 300 robots.
 FEW, MANY = Load(3, 4), Load(12, 25)
-#: Modes of the log-on: one robot after the other, or all processes simultaneously.
-BY_TURNS, AT_ONCE = "one by one", "at once"
 #: Driving time before the measurement [s].
 WARM_UP_S = 5.0
 #: Lead time for starting all clients simultaneously [s].
@@ -72,23 +70,6 @@ def null_calls(server: Any, about: Description) -> list[float]:
     took = [timed_ms(session.heartbeat)[1] for _ in range(NULL_CALLS)]
     session.deregister()
     return took
-
-
-def is_refused(server: Any, about: Description) -> bool:
-    """Whether the server refuses one more robot with ServerFull."""
-    try:
-        server.registerRobot(sessions.description(about)).deregister()
-    except RoboCorba.ServerFull as full:
-        return bool(full.limit == full.now)
-    return False
-
-
-def log_on(server: Any, clients: Clients, crowd: list[Description], count: int) -> dict[str, Any]:
-    """Log `count` robots on, off and on again, and try one more: times [ms], and whether that one was refused."""
-    by_turns = clients.log_on(crowd[:-1], count, at_once=False)["log on"]
-    clients.all("log_off")
-    at_once = clients.log_on(crowd[:-1], count)["log on"]
-    return {BY_TURNS: by_turns, AT_ONCE: at_once, "refused": is_refused(server, crowd[-1])}
 
 
 def drive(server: Any, clients: Clients, threads: int, seconds: float, pid: int) -> dict[str, Any]:
@@ -126,15 +107,6 @@ def row_of(name: str, load: Load, found: dict[str, Any], count: int, seconds: fl
     }
 
 
-def log_on_rows_of(name: str, load: Load, found: dict[str, Any]) -> list[dict[str, Any]]:
-    """Rows of one run with robots that log on."""
-    return [
-        {"processes": load.processes, "run": name, "robots log on": how}
-        | summary(found[how], "median ms", "p99 ms", "worst ms")
-        for how in (BY_TURNS, AT_ONCE)
-    ]
-
-
 def marks_of(rows: list[dict[str, Any]], count: int) -> list[Mark]:
     """Required results with driving robots, by medians of the runs. With MANY callers the command time has no mark: the
     callers compete for few cores."""
@@ -152,19 +124,9 @@ def marks_of(rows: list[dict[str, Any]], count: int) -> list[Mark]:
     return marks
 
 
-def log_on_marks_of(rows: list[dict[str, Any]], count: int, refused: int) -> list[Mark]:
-    """Required results of the log-on, by medians of the runs."""
-    p99 = statistics.median(row["p99 ms"] for row in rows if row["robots log on"] == BY_TURNS)
-    return [
-        at_most(f"log on {BY_TURNS}, p99 ms", p99, MAX_LOG_ON_MS),
-        at_least(f"how often robot {count + 1} was refused with ServerFull", refused, len(rows) / 2),
-    ]
-
-
 def main(seconds: float = 30.0, runs: int = 3, robots: int = DEFAULT_LIMIT) -> bool:
-    rows, on_rows, refused = [], [], 0
+    rows, on_rows = [], []
     calls: dict[str, list[float]] = defaultdict(list)
-    on_calls: dict[str, list[float]] = {BY_TURNS: [], AT_ONCE: []}
     crowd = robots_in(office(), 2 * robots)
     with folder_of_bench() as folder, office_system(folder) as (naming, orb, server):
         state = folder / "state"
@@ -176,22 +138,22 @@ def main(seconds: float = 30.0, runs: int = 3, robots: int = DEFAULT_LIMIT) -> b
             with Clients(naming, load.processes) as clients:
                 for number in range(1, runs + 1):
                     with PROGRESS.status(f"{load.callers} callers, run {number} of {runs}"):
-                        on = log_on(server, clients, crowd, robots)
+                        on = clients.log_on(crowd, robots, at_once=False)["log on"]
                         found = drive(server, clients, load.threads, seconds, pid)
                         clients.all("log_off")
-                    on_rows += log_on_rows_of(str(number), load, on)
+                    calls["log on"] += on
+                    times = summary(on, "median ms", "p99 ms", "worst ms")
+                    on_rows.append({"processes": load.processes, "run": number, **times})
                     rows.append(row_of(str(number), load, found, robots, seconds))
-                    refused += on["refused"]
-                    for how, took in on_calls.items():
-                        took += on[how]
                     for what in ("command", "state"):
                         calls[f"{what}, {load.callers} callers"] += found[what]
     idle = f"null call (heartbeat, idle): {statistics.median(null):.3f} ms, p99 {quantile(null, 0.99):.3f} ms"
     title = f"{robots} robots at {RATE:g} Hz for {seconds:g} s; {idle}"
+    log_on = calls.pop("log on")
     is_reached = summarize(NAME, title, rows, marks_of(rows, robots), distribution(calls, "ms"))
-    marks = log_on_marks_of(on_rows, robots, refused)
-    title = f"{robots} robots log on; {idle}"
-    return summarize(f"{NAME}_log_on", title, on_rows, marks, distribution(on_calls, "ms")) and is_reached
+    mark = at_most("log on, p99 ms", statistics.median(row["p99 ms"] for row in on_rows), MAX_LOG_ON_MS)
+    title = f"{robots} robots log on, one after the other; {idle}"
+    return summarize(f"{NAME}_log_on", title, on_rows, [mark], distribution({"log on": log_on}, "ms")) and is_reached
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import itertools
 import json
 import math
 import sys
@@ -21,14 +22,14 @@ from bench.common.harness import NOT_MEASURED, NotMeasured, run
 from bench.console.returns import PLACES, Shown, Sight, sight
 from bench.events.channel.stamps import Arrivals, Quality, Tally, gaps, quality, stamped, stamped_run
 from bench.events.network import report as network_report
-from bench.events.network.experiment import FEDERATED, SET_UPS, STANDARD, Outcome
+from bench.events.network.experiment import DELAYS, FEDERATED, PAPER, SET_UPS, Case, Outcome
 from bench.events.network.load import Governor
 from bench.events.network.report import Interval
+from bench.events.network.robot import PUSHED
 from bench.planning.geometric import EDITS, measure, row
 from testkit import report
 from testkit.peers.base import PAYLOAD_BYTES
 from testkit.report import at_most, summarize
-from testkit.router import DelayLine
 
 
 def test_stamps_and_their_quality() -> None:
@@ -75,26 +76,14 @@ def received(*stamps: tuple[int, ...]) -> Arrivals:
     return tally.take()
 
 
-def outcome(set_up: str, mean_us: float, load: float = 0.5, delay_us: int = 1000, lost: int = 0) -> Outcome:
-    """A outcome whose local events take `mean_us` on average, remote ones twice as long."""
-    local = mean_us * np.array([0.5, 1.0, 1.5])
-    return Outcome(set_up, delay_us, load, load, local, 2 * local, lost, 100, 20_000, 4, 900, 6, 10, 4)
+def outcome(set_up: str, mean_us: float, case: Case, busy: float = 0.5) -> Outcome:
+    """An outcome whose local events take `mean_us` on average, remote ones twice as long."""
+    local = [mean_us * share for share in (0.5, 1.0, 1.5)]
+    us = {("B", "A"): local, ("C", "A"): [2 * one for one in local]}
+    return Outcome(case, set_up, busy, us, 0, 100, 20_000, 0, 4 * (set_up == FEDERATED), 4)
 
 
-def test_the_network_delays_and_loads() -> None:
-    line = DelayLine()
-    line.delay_ns = 200
-    line.put(b"a", 1000)
-    line.put(b"bc", 1100)
-    assert line.due_ns == 1200
-    assert [line.take(at_ns) for at_ns in (1199, 1200, 1200, 5000, 9000)] == [None, b"a", None, b"bc", None]
-    assert line.due_ns is None
-    assert (line.packets, line.bytes) == (2, 3)
-    line.delay_ns = 500
-    line.put(b"first", 10_000)
-    line.delay_ns = 0
-    line.put(b"second", 10_001)  # a shorter delay lets no packet overtake
-    assert [line.take(at_ns) for at_ns in (10_400, 10_500, 10_500)] == [None, b"first", b"second"]
+def test_the_load_is_governed() -> None:
     for wanted, others, work in ((0.2, 0.1, 0.1), (0.6, 0.1, 0.5), (0.9, 0.1, 0.8), (0.3, 0.8, 0.0), (0.0, 0.0, 0.0)):
         governor = Governor()
         governor.want(0.9)
@@ -104,24 +93,28 @@ def test_the_network_delays_and_loads() -> None:
         assert governor.work == pytest.approx(work, abs=0.01 * (work > 0.0))
 
 
-def test_the_report_of_the_network() -> None:
+def test_the_report_of_the_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     found = network_report.ratio(np.array([1.0, 1.2, 0.8, 1.0]), np.array([2.0, 2.2, 1.8, 2.0]))
-    assert found.value == pytest.approx(0.5)
-    assert 0.4 < found.low < 0.5 < found.high < 0.6
+    assert found.value == pytest.approx(0.5) and 0.4 < found.low < 0.5 < found.high < 0.6
     assert network_report.mean(np.full(5, 3.0)) == Interval(3.0, 3.0, 3.0)
-    runs = [outcome(set_up, 1000, load, delay) for delay in (1000, 0) for load in (0.9, 0.1) for set_up in SET_UPS * 2]
+    us = {FEDERATED: 500.0, "I": 400.0, "II": 600.0, "servers": 1000.0}
+    cases = [Case(PUSHED, link, "A, B", load) for link in (PAPER, DELAYS[2]) for load in (0.5, 0.55)]
+    runs = [outcome(set_up, us[set_up], case) for case in cases for set_up in SET_UPS * 2]
     cells = network_report.cells(runs)
-    assert [(cell.delay_us, cell.load) for cell in cells] == [(0, 0.1), (0, 0.9), (1000, 0.1), (1000, 0.9)]
-    assert all(len(cell.standard) == len(cell.federated) == 2 for cell in cells)
-    by_delay = [network_report.row(cell) for cell in network_report.by_delay(cells)]
-    assert [(row["delay, ms"], row["load, %"]) for row in by_delay] == [(0, None), (1, None)]
-    assert len(network_report.draw(cells).axes) == 4
-    (cell,) = network_report.cells([outcome(STANDARD, 1000), outcome(FEDERATED, 500)])
-    row = network_report.row(cell)
-    assert row["standard mean"] == pytest.approx(1.5)  # half of the events take 1 ms on average, half 2 ms
-    assert (row["federated local"], row["federated remote"]) == pytest.approx((0.5, 1.0))
-    assert (row["ratio"], row["ratio remote"]) == pytest.approx((0.5, 0.5))
-    assert row["standard KB over the link"] == pytest.approx(20)
+    assert [(cell.case, cell.place) for cell in cells] == list(itertools.product(sorted(cases), ("I", "II", "servers")))
+    row = network_report.row(cells[2])
+    assert row["std ms"] == pytest.approx(1.5)  # half of the events take 1 ms on average, half 2 ms
+    assert (row["fed/std (95 %)"], row["local"], row["remote"]) == ("0.50 (0.50-0.50)", 0.5, 0.5)
+    # Only where a gain is possible, the mark is one; with 1 ms the channel in II would have to be slower.
+    verdicts = {mark.what: mark.is_reached for mark in network_report.marks(cells)}
+    assert verdicts.pop("ratio, 1 ms, scans of A, B, central in II") is False
+    assert verdicts["cost, 10BASE-T, scans of A, B, central in I"] and all(verdicts.values())
+    monkeypatch.setattr(report, "RESULTS", tmp_path)
+    assert network_report.write_report("good", [one for one in runs if one.case.link == PAPER], 0.0, {})
+    for others_cores, busy, reason in ((0.5, 0.5, "0.50 cores"), (0.0, 0.9, "40 points")):
+        bad = [outcome(set_up, us[set_up], cases[0], busy) for set_up in SET_UPS]
+        with pytest.raises(NotMeasured, match=f"invalid: .*{reason}"):
+            network_report.write_report("bad", bad, others_cores, {})
 
 
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]

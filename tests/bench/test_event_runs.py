@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
+import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,9 +12,10 @@ import psutil
 import pytest
 
 from bench.events.channel.stage import Stage, collect, send, trio
-from bench.events.network.experiment import FEDERATED, SET_UPS, Plan, conduct, experiment, split_cores
-from bench.events.network.networks import Network
-from testkit.namespaces import Namespace
+from bench.events.network.experiment import DELAYS, FEDERATED, SET_UPS, Case, Plan, conduct, split_cores
+from bench.events.network.mission import SCANS
+from bench.events.network.networks import ADDRESS_OF, Link, Network
+from bench.events.network.robot import LEADERS
 from testkit.peers import PEERS, installed
 from testkit.peers.corba import CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
 
@@ -22,15 +26,18 @@ COUNT = 300
 OURS = {peer.name for peer in (PLAIN, PLAIN_TO_BATCHES, CLIENT)}
 
 
+@pytest.fixture(autouse=True)
+def _nothing_is_left() -> Iterator[None]:
+    before = set(psutil.Process().children(recursive=True))
+    yield
+    assert set(psutil.Process().children(recursive=True)) <= before
+
+
 @pytest.fixture
 def stage() -> Iterator[Stage]:
-    """What is started on it has ended after the test, and its folder is gone."""
-    before = {child.pid for child in psutil.Process().children(recursive=True)}
     with Stage() as stage:
         yield stage
-        folder = stage.folder
-    assert not folder.exists()
-    assert {child.pid for child in psutil.Process().children(recursive=True)} <= before
+    assert not stage.folder.exists()
 
 
 @pytest.mark.parametrize("name", sorted(set(PEERS) - {HEADER.name}))
@@ -44,17 +51,13 @@ def test_paced_and_flooded_events_arrive(stage: Stage, name: str) -> None:
     assert _faultless(got, COUNT)
     if name not in OURS:
         return
-    assert len(got["latencies"]) == COUNT - 100
-    assert all(value > 0 for value in got["latencies"])
+    assert len(got["latencies"]) == COUNT - 100 and min(got["latencies"]) > 0
     answer = send(supplier, "flood", 90.0, first=1000, seconds=60.0, most=COUNT, threads=2)
-    assert answer["sent"] == [COUNT // 2] * 2
-    assert answer["failed"] == 0
+    assert (answer["sent"], answer["failed"]) == ([COUNT // 2] * 2, 0)
     (got,) = collect(consumer, [range(1000, 1000 + COUNT // 2)] * 2, 60.0)
-    assert _faultless(got, COUNT)
-    assert answer["began"] < got["first"] <= got["last"]
+    assert _faultless(got, COUNT) and answer["began"] < got["first"] <= got["last"]
     if name == CLIENT.name:
-        runs = send(supplier, "runs", 90.0, first=10_000, seconds=60.0, most=10_000, size=100)
-        assert runs["sent"] == [10_000]
+        assert send(supplier, "runs", 90.0, first=10_000, seconds=60.0, most=10_000, size=100)["sent"] == [10_000]
         assert _faultless(collect(consumer, [range(10_000, 20_000)], 60.0)[0], 10_000)
 
 
@@ -64,36 +67,48 @@ def _faultless(got: dict[str, int], count: int) -> bool:
 
 @pytest.fixture
 def network(tmp_path: Path) -> Iterator[Network]:
-    """All its processes and descriptors are gone afterwards."""
+    descriptors = psutil.Process().num_fds()
     try:
-        with Namespace() as namespace:
-            namespace.add_tun("192.168.8.0/24")
+        network = Network(tmp_path, split_cores()[1])
     except OSError:
         pytest.skip("network namespaces are not allowed here")
-    before, descriptors = psutil.Process().children(recursive=True), open_descriptors()
-    with Network(tmp_path, split_cores()[1]) as found:
-        yield found
-    assert [child for child in psutil.Process().children(recursive=True) if child not in before] == []
-    assert open_descriptors() <= descriptors
+    with network:
+        yield network
+    assert psutil.Process().num_fds() <= descriptors
 
 
-def open_descriptors() -> int:
-    return len(list(Path("/proc/self/fd").iterdir()))
+def test_a_link_delays_limits_and_counts(network: Network) -> None:
+    def end(host: str) -> socket.socket:
+        found = network.hosts[host].inside(lambda: socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        found.bind((ADDRESS_OF[host], 0))
+        found.settimeout(60.0)
+        return found
+
+    def took_ms(source: socket.socket, target: socket.socket, count: int) -> float:
+        began = time.monotonic()
+        for _ in range(count):
+            source.sendto(bytes(1000), target.getsockname())
+        for _ in range(count):
+            target.recv(2000)
+        return 1e3 * (time.monotonic() - began)
+
+    with end("A") as a, end("B") as b, end("C") as c:
+        network.change(Link("", delay_us=2000))
+        before = network.counts()
+        assert took_ms(a, c, 1) > 2.0
+        network.change(Link("", mbit_s=1.0))
+        assert took_ms(a, b, 10) > 10 * 8.2  # on one segment
+        assert network.counts().since(before) == (1, 1028, 0)
+        assert took_ms(a, c, 10) > 11 * 8.2  # the first packet is stored between two segments
 
 
-def test_the_link_delays_and_counts_and_both_set_ups_carry_the_mission(network: Network) -> None:
-    before = network.counts(delay_us=2000)
-    assert min(network.round_trips_us(5)) > 4000
-    crossed = network.counts().since(before)
-    assert crossed.packets >= 10 <= crossed.bytes
-    with experiment(network, split_cores()[0]) as running:
-        outcomes = list(conduct(running, Plan((200,), (0.2,), 1, 0.5)))
-    assert sorted(one.set_up for one in outcomes) == sorted(SET_UPS)
+@pytest.mark.parametrize("leader", LEADERS)
+def test_all_set_ups_carry_the_mission(network: Network, leader: str) -> None:
+    cases = [Case(leader, DELAYS[1], scans, 0.6) for scans in SCANS]
+    outcomes = list(conduct(network, split_cores()[0], Plan(cases, 1, 0.5)))
+    assert sorted((one.case.scans, one.set_up) for one in outcomes) == sorted(itertools.product(SCANS, SET_UPS))
     for one in outcomes:
-        assert one.lost == 0
-        assert len(one.local_us) > 0 and len(one.remote_us) > 0
-        assert one.local_us.min() > 0 and one.remote_us.min() > 200  # no way leads past the router
-        assert one.packets > 0
-    (federated,) = (one for one in outcomes if one.set_up == FEDERATED)
-    assert federated.forwarded == federated.wanted_across > 0
-    assert federated.unseen == federated.sent - federated.wanted_across > 0
+        assert one.lost == one.dropped == 0 < one.packets
+        assert one.latencies_us("remote").min() > 200
+        assert one.latencies_us("local").min() > (400 if one.set_up in ("II", "servers") else 0)  # two links or none
+        assert one.forwarded == (one.wanted_across if one.set_up == FEDERATED else 0)

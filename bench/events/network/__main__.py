@@ -1,4 +1,4 @@
-"""The paper's experiment: python -m bench.events.network [--quick]"""
+"""The paper's experiment: python -m bench.events.network [--network paper] [--leader all] [--quick]"""
 
 from __future__ import annotations
 
@@ -7,38 +7,44 @@ import time
 from typing import Any
 
 from bench.common.harness import NotMeasured, folder_of_bench, progress, run
-from bench.events.network.experiment import FULL, QUICK, SILENCE_S, conduct, experiment, split_cores
+from bench.events.network.experiment import conduct, plan_of, split_cores
+from bench.events.network.load import others_cpu_s
 from bench.events.network.networks import Network
 from bench.events.network.report import write_report
+from bench.events.network.robot import LEADERS, PUSHED
 
 
-def main(quick: bool = False) -> bool:
-    """Raises NotMeasured without network namespaces."""
-    plan = QUICK if quick else FULL
+def main(network: str = "delays", leader: str = PUSHED, quick: bool = False) -> bool:
+    """Raises NotMeasured without network namespaces, and if the measurement is invalid."""
+    plan = plan_of(network, leader, quick)
     leaders_core, cores = split_cores()
     os.sched_setaffinity(0, cores)  # only the leader and its load run on the leader's core
-    began = time.monotonic()
+    began, others_s = time.monotonic(), others_cpu_s()
     with folder_of_bench() as folder:
         try:
-            network = Network(folder, cores)
+            hosts = Network(folder, cores)
         except OSError as error:
-            raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
-        with network:
+            raise NotMeasured(
+                f"latencies, their ratio, traffic: network namespaces are not available ({error}); run it as root"
+            ) from None
+        with hosts:
             about: dict[str, Any] = {
-                "network": "network namespaces, packets delayed by a router process on TUN devices",
-                "router has real-time priority": network.router_has_priority,
+                "network": "network namespaces; a process carries all packets (testkit/router.py)",
+                "it has real-time priority": hosts.router_has_priority,
                 "leader's core": leaders_core,
                 "other cores": cores,
             }
-            with experiment(network, leaders_core) as running:
-                before = network.counts(delay_us=0)
-                time.sleep(SILENCE_S)
-                idle = network.counts().since(before)
-                about["while nobody speaks"] = f"{idle.packets} packets, {idle.bytes} bytes in {SILENCE_S:g} s"
-                outcomes = list(progress(conduct(running, plan), "runs", plan.total))
-    about["took, s"] = round(time.monotonic() - began, 1)
-    return write_report(outcomes, about)
+            outcomes = list(progress(conduct(hosts, leaders_core, plan), "runs", plan.total))
+    took_s = time.monotonic() - began
+    about |= {"took, s": round(took_s, 1), "s a run": round(took_s / plan.total, 2)}
+    name = f"event_network_{network}" + ("_curve" if leader != PUSHED else "")
+    return write_report(name, outcomes, (others_cpu_s() - others_s) / took_s, about)
 
 
 if __name__ == "__main__":
-    run(main, quick="2 delays, 4 loads, 4 runs each: about two minutes")
+    run(
+        main,
+        network="paper|delays",
+        leader="|".join(("all", *LEADERS)),
+        quick="few loads, three runs each: about two minutes",
+    )

@@ -1,12 +1,14 @@
-"""The experiment: both set-ups on one network, with their runs in random order.
+"""The experiment: all set-ups on one network, with their runs in random order.
 
-Standard: all robots on one channel on the server computer, in sub-network II. Federated: a channel in each sub-network,
-linked with each other. All channels are the same program. Both set-ups run all the time; a run uses one of them.
+Standard: all robots on one central channel, which is in sub-network I, in II, or with the servers. Federated: a channel
+in I and one in II, linked with each other. All channels are the same program. All set-ups run all the time; a run uses
+one of them.
 """
 
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import os
 import random
@@ -18,95 +20,126 @@ import numpy as np
 
 from bench.events.network import mission
 from bench.events.network.load import Core
-from bench.events.network.networks import SUBNET_OF, Network, address
+from bench.events.network.networks import ADDRESS_OF, SUBNET_OF, Link, Network
+from bench.events.network.robot import GRID, LEADERS, OWN_EVENTS, POLLING, PUSHED
 from robocorba.system.supervision.launch import module_command
 from robocorba.system.supervision.system import find_omninames
 from testkit.json_process import Process, checkout_command
 
-STANDARD, FEDERATED = "standard", "federated"
-SET_UPS = (STANDARD, FEDERATED)
-#: The channel of the standard set-up, and those of the federation by sub-network.
-CENTRAL, CHANNEL_OF = "central", {"I": "room-I", "II": "room-II"}
+#: The set-ups: the federation, and a central channel by its host.
+FEDERATED, PLACES = "federated", ("I", "II", "servers")
+SET_UPS = (FEDERATED, *PLACES)
+#: Ports of the servers; every robot has its own host.
+PORTS = {"naming": 28090, "central": 28091, "room": 28092, "robot": 28093}
 START_LIMIT_S = 60.0
 #: Time from the command to the start of a run, and from there until events count [s].
 HEAD_START_S, WARM_UP_S = 0.03, 0.2
-#: Settling time after a change of the load, and of the delay [s].
-SETTLE_LOAD_S, SETTLE_DELAY_S = 1.0, 0.2
-SILENCE_S = 2.0
+#: Settling time after a change of the load or the link [s].
+SETTLE_S = 1.0
+
+
+class Case(NamedTuple):
+    """Conditions of a run. leader: one of LEADERS; scans: a key of mission.SCANS; load of the leader's core (share)."""
+
+    leader: str
+    link: Link
+    scans: str
+    load: float
 
 
 class Plan(NamedTuple):
-    """Extent of the measurement: `runs` of `run_s` for every set-up, load (share) and one-way delay."""
+    """Extent of the measurement: `runs` of `run_s` for every case and set-up."""
 
-    delays_us: Sequence[int]
-    loads: Sequence[float]
+    cases: Sequence[Case]
     runs: int
-    run_s: float
+    run_s: float = 0.9
+    set_ups: Sequence[str] = SET_UPS
 
     @property
     def total(self) -> int:
-        return len(self.delays_us) * len(self.loads) * len(SET_UPS) * self.runs
+        return len(self.cases) * len(self.set_ups) * self.runs
 
 
-FULL = Plan((0, 200, 1000, 5000), tuple(load / 10 for load in range(10)), 10, 1.3)
-QUICK = Plan((0, 1000), (0.0, 0.3, 0.6, 0.9), 4, 1.3)
+PAPER = Link("10BASE-T", mbit_s=10.0)
+DELAYS = tuple(Link(f"{delay_ms:g} ms", delay_us=1000 * delay_ms) for delay_ms in (0.0, 0.2, 1.0, 5.0))
+#: The load at which the paper gives its figures.
+PAPER_LOAD = 0.6
+
+
+def plan_of(network: str, leader: str, quick: bool) -> Plan:
+    """The plan of the bench: with the leader PUSHED the paper's figure on its network, "paper", or with "delays"; with
+    another one of LEADERS, or "all", the falling curve."""
+    runs = 3 if quick else 10
+    if leader != PUSHED:
+        runs = min(runs, 8)  # the slower leaders also make runs longer
+        loads = (0.3, 0.6, 0.9) if quick else (0.2, 0.4, 0.6, 0.8, 0.9)
+        leaders = LEADERS if leader == "all" else (leader,)
+        links = (PAPER,) if network == "paper" else DELAYS[:1]
+        return Plan(_cases(leaders, links, ("A, B",), loads), runs, set_ups=(FEDERATED, "servers"))
+    if network == "delays":
+        loads = (0.0, 0.6) if quick else (0.0, 0.3, 0.6, 0.9)
+        return Plan(_cases((PUSHED,), DELAYS[::2] if quick else DELAYS, ("A, B",), loads), runs)
+    curve = _cases((PUSHED,), (PAPER,), ("A, B",), (0.0, 0.3, 0.6, 0.9) if quick else [n / 10 for n in range(10)])
+    others = [scans for scans in mission.SCANS if scans != "A, B"]
+    return Plan([*curve, *_cases((PUSHED,), (PAPER,), others, (PAPER_LOAD,))], runs)
+
+
+def _cases(leaders: Sequence[str], links: Sequence[Link], scans: Sequence[str], loads: Sequence[float]) -> list[Case]:
+    return [Case(*one) for one in itertools.product(leaders, links, scans, loads)]
 
 
 class Outcome(NamedTuple):
-    """One run. Latencies of the mission's events [us]; local: supplier and consumer are in the same sub-network."""
+    """One run. us: latencies of the mission's events [us] by supplier and consumer. packets, bytes: between
+    sub-networks; dropped: packets that found a full queue."""
 
+    case: Case
     set_up: str
-    delay_us: int
-    load: float
     busy: float
-    local_us: np.ndarray
-    remote_us: np.ndarray
+    us: Mapping[tuple[str, str], Sequence[float]]
     lost: int
     packets: int
     bytes: int
-    #: Events and bytes that the gateways received, and events that were not sent to them.
+    dropped: int
+    #: Events that gateways received, and events that a robot in the other sub-network subscribed to.
     forwarded: int
-    forwarded_bytes: int
-    unseen: int
-    #: Events that were sent, and those of them that a robot in the other sub-network subscribed to.
-    sent: int
     wanted_across: int
 
-    @property
-    def all_us(self) -> np.ndarray:
-        return np.concatenate([self.local_us, self.remote_us])
+    def latencies_us(self, which: str = "all") -> np.ndarray:
+        """Of "all" events; of those between robots of one sub-network ("local"), of two ("remote"); of those that the
+        "leader" receives."""
+        wanted = {
+            "all": lambda supplier, consumer: True,
+            "local": lambda supplier, consumer: SUBNET_OF[supplier] == SUBNET_OF[consumer],
+            "remote": lambda supplier, consumer: SUBNET_OF[supplier] != SUBNET_OF[consumer],
+            "leader": lambda supplier, consumer: consumer == mission.LEADER,
+        }[which]
+        return np.concatenate([some for pair, some in self.us.items() if wanted(*pair)])
 
 
 class Experiment:
-    """Both set-ups, running on `network`."""
+    """All set-ups, running on `network`. load: what loads the leader's core."""
 
     def __init__(self, network: Network, robots: Mapping[str, Process], load: Process, leaders_core: int) -> None:
         self._network, self._robots, self._load = network, robots, load
         self._core = Core(leaders_core)
         self._number = 0
-        self._delay_us, self._wanted = 0, 0.0
 
-    def set_delay(self, delay_us: int) -> None:
-        """Set the one-way delay of packets between the sub-networks."""
-        self._delay_us = delay_us
-        self._network.counts(delay_us=delay_us)
-        time.sleep(SETTLE_DELAY_S)
+    def prepare(self, case: Case) -> None:
+        """Set the link, and the load of the leader's core."""
+        self._network.change(case.link)
+        self._load.ask({"do": "want", "share": case.load})
+        time.sleep(SETTLE_S)
 
-    def set_load(self, share: float) -> None:
-        """Set the load of the leader's core."""
-        self._wanted = share
-        self._load.ask(share)
-        time.sleep(SETTLE_LOAD_S)
-
-    def run(self, set_up: str, run_s: float) -> Outcome:
+    def run(self, case: Case, set_up: str, run_s: float) -> Outcome:
         """Run the mission once, measured for `run_s`. Raises ProcessFailed."""
         self._number += 1
-        link, forwarded_before = self._network.counts(), self._forwarded(set_up)
+        link, forwarded = self._network.counts(), self._forwarded(set_up)
         begin = time.monotonic() + HEAD_START_S
         count_from = begin + WARM_UP_S
         end = count_from + run_s
-        run = {"number": self._number, "set_up": set_up, "begin": begin, "count_from": count_from, "end": end}
-        self._ask_all({"do": "prepare", **run})
+        times = {"begin": begin, "count_from": count_from, "end": end}
+        scan = mission.SCANS[case.scans]
+        self._ask_all({"do": "prepare", "number": self._number, "set_up": set_up, "scan": scan, **times})
         for robot in self._robots.values():
             robot.send({"do": "play"})
         time.sleep(max(0.0, count_from - time.monotonic()))
@@ -121,36 +154,25 @@ class Experiment:
             name: robot.ask({"do": "collect", "expect": wanted[name]}, START_LIMIT_S)
             for name, robot in self._robots.items()
         }
-        crossed = self._network.counts().since(link)
-        forwarded = [now - then for now, then in zip(self._forwarded(set_up), forwarded_before, strict=True)]
-        latencies: dict[bool, list[float]] = {True: [], False: []}
+        latencies: dict[tuple[str, str], list[float]] = {}
         for name, answer in received.items():
             for type, source, latency_us in answer["latencies"]:
                 if mission.is_mission(type):
-                    latencies[SUBNET_OF[source] == SUBNET_OF[name]].append(latency_us)
+                    latencies.setdefault((source, name), []).append(latency_us)
         return Outcome(
+            case,
             set_up,
-            self._delay_us,
-            self._wanted,
             busy,
-            np.array(latencies[True]),
-            np.array(latencies[False]),
+            latencies,
             sum(wanted[name] - answer["received"] for name, answer in received.items()),
-            *crossed,
-            forwarded[0],
-            forwarded[1],
-            forwarded[2],
-            sum(one.number for one in sent),
+            *self._network.counts().since(link),
+            self._forwarded(set_up) - forwarded,
             sum(one.number for one in sent if _is_wanted_across(one)),
         )
 
-    def _forwarded(self, set_up: str) -> tuple[int, int, int]:
-        """Events and bytes that the federation's gateways received so far, and events that were not sent to them."""
-        if set_up != FEDERATED:
-            return (0, 0, 0)
-        links = [link for robot in ("A", "C") for link in self._robots[robot].ask({"do": "links", "set_up": set_up})]
-        events, size, unseen = (sum(link[key] for link in links) for key in ("came", "came_bytes", "unseen"))
-        return events, size, unseen
+    def _forwarded(self, set_up: str) -> int:
+        """Number of events that the gateways of a set-up received so far."""
+        return sum(self._robots[robot].ask({"do": "links", "set_up": set_up}) for robot in ("A", "C"))
 
     def _ask_all(self, command: Mapping[str, Any]) -> dict[str, Any]:
         return {name: robot.ask(command) for name, robot in self._robots.items()}
@@ -161,42 +183,52 @@ def _is_wanted_across(one: mission.Sent) -> bool:
 
 
 @contextlib.contextmanager
-def experiment(network: Network, leaders_core: int) -> Iterator[Experiment]:
+def experiment(network: Network, leaders_core: int, leader: str = PUSHED) -> Iterator[Experiment]:
     """Start all processes: the leader on its own core, the others on the network's cores. Raises ProcessFailed."""
-    naming = address("server", "naming")
+    naming = _address("servers", "naming")
     with contextlib.ExitStack() as stack:
+        folder = network.folder / leader
+        folder.mkdir()
 
-        def channel(host: str, of: str, name: str, *more: str) -> None:
-            common = ("--state", str(network.folder / name), "--endpoint", address(host, of), "--naming", naming)
-            command = (*module_command("robocorba.servers.event_channel"), *common, "--name", name, *more)
-            stack.enter_context(network.start(host, name, *command))
+        def channel(host: str, of: str, *more: str) -> None:
+            name = f"{of}-{host}"
+            program = ("bench.events.network.timers",) if leader == GRID else ()
+            common = ("--state", str(folder / name), "--endpoint", _address(host, of), "--naming", naming)
+            command = (*program, "robocorba.servers.event_channel", *common, "--name", name, *more)
+            run = checkout_command if program else module_command
+            stack.enter_context(network.start(host, f"{leader}/{name}", *run(*command)))
 
-        data = network.folder / "naming"
+        data = folder / "naming"
         data.mkdir()
         own = ("-start", naming.rsplit(":", 1)[1], "-always", "-nohostname", "-datadir", str(data))
         command = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
-        stack.enter_context(network.start("server", "omniNames", *command))
-        channel("server", "central", CENTRAL)
-        channel("server", "channel", CHANNEL_OF["II"], "--peer", CHANNEL_OF["I"])
-        channel("channel", "channel", CHANNEL_OF["I"], "--peer", CHANNEL_OF["II"])
+        stack.enter_context(network.start("servers", f"{leader}/omniNames", *command))
+        for place in PLACES:
+            channel(place, "central")
+        channel("I", "room", "--peer", "room-II")
+        channel("II", "room", "--peer", "room-I")
         robots = {}
         for name in mission.ROBOTS:
             own_subnet, other = ("I", "II") if SUBNET_OF[name] == "I" else ("II", "I")
+            channels = {FEDERATED: f"room-{own_subnet}", **{place: f"central-{place}" for place in PLACES}}
             settings = {
-                "name": name,
-                "naming": naming,
-                "endpoint": address(name, "robot"),
-                "channels": {STANDARD: CENTRAL, FEDERATED: CHANNEL_OF[own_subnet]},
-                "peers": {FEDERATED: CHANNEL_OF[other]},
+                **{"name": name, "naming": naming, "endpoint": _address(name, "robot"), "channels": channels},
+                **{"peers": {FEDERATED: f"room-{other}"}, "leader": leader, "core": leaders_core},
             }
             program = checkout_command("bench.events.network.robot", json.dumps(settings))
             on = (leaders_core,) if name == mission.LEADER else ()
-            robots[name] = stack.enter_context(network.start(name, f"robot-{name}", *program, cores=on))
+            robots[name] = stack.enter_context(network.start(name, f"{leader}/robot-{name}", *program, cores=on))
         working = checkout_command("bench.events.network.load", str(leaders_core))
-        load = stack.enter_context(Process(working, network.folder / "load.log", (leaders_core,)))
+        load = stack.enter_context(Process(working, folder / "load.log", (leaders_core,)))
         for process in (*robots.values(), load):
             process.receive(START_LIMIT_S)
-        yield Experiment(network, robots, load, leaders_core)
+        loads_itself = leader in (POLLING, OWN_EVENTS)
+        yield Experiment(network, robots, robots[mission.LEADER] if loads_itself else load, leaders_core)
+
+
+def _address(host: str, of: str) -> str:
+    """HOST:PORT of a server (key of PORTS) on a host."""
+    return f"{ADDRESS_OF[host]}:{PORTS[of]}"
 
 
 def split_cores() -> tuple[int, list[int]]:
@@ -205,12 +237,13 @@ def split_cores() -> tuple[int, list[int]]:
     return cores[-1], cores[:-1] or cores
 
 
-def conduct(experiment: Experiment, plan: Plan, seed: int = 7) -> Iterator[Outcome]:
-    """All runs of a plan, with delays, loads and set-ups in random order."""
+def conduct(network: Network, leaders_core: int, plan: Plan, seed: int = 7) -> Iterator[Outcome]:
+    """All runs of a plan, with cases and set-ups in random order."""
     chance = random.Random(seed)
-    for delay_us in chance.sample(plan.delays_us, len(plan.delays_us)):
-        experiment.set_delay(delay_us)
-        for load in chance.sample(plan.loads, len(plan.loads)):
-            experiment.set_load(load)
-            for set_up in chance.sample(SET_UPS * plan.runs, len(SET_UPS) * plan.runs):
-                yield experiment.run(set_up, plan.run_s)
+    for leader in sorted({case.leader for case in plan.cases}):
+        cases = [case for case in plan.cases if case.leader == leader]
+        with experiment(network, leaders_core, leader) as running:
+            for case in chance.sample(cases, len(cases)):
+                running.prepare(case)
+                for set_up in chance.sample([*plan.set_ups] * plan.runs, len(plan.set_ups) * plan.runs):
+                    yield running.run(case, set_up, plan.run_s)

@@ -1,26 +1,30 @@
-"""Additional load on the leader's computer: a process that keeps a core busy for a given share of the time.
+"""Load on the leader's computer: turns of work and pauses that keep a core busy for a given share of the time.
 
-python -m bench.events.network.load CORE: reads lines of JSON on stdin with the total load of the core (0 to 0.95),
-answers each with null, and ends with its stdin. It adds to the load of the other processes on the core, so a total
-below their load cannot be reached.
+python -m bench.events.network.load CORE: a process that competes with the leader. {"do": "want", "share": 0.6} on
+stdin changes the total load of the core. It adds to the load of the other processes on the core, so a total below their
+load cannot be reached.
 """
 
 from __future__ import annotations
 
+import hashlib
 import random
 import sys
 import threading
 import time
+from collections.abc import Callable
 
 import psutil
 
-from testkit.json_process import answer_lines
+from testkit.json_process import answer_commands
 
-#: Mean period of work and sleep [s].
-PERIOD_S = 0.01
+#: Work of a turn of the competitor [s].
+WORK_S = 0.005
 #: Interval of the load control [s], and its gain.
 LOOK_S, GAIN = 0.2, 0.3
 MAX_SHARE = 0.95
+#: What is hashed as work: large enough that Python releases its lock, as it does when it draws.
+BLOCK = bytes(16384)
 
 
 class Core:
@@ -43,6 +47,14 @@ class Core:
         return times.idle + getattr(times, "iowait", 0.0), time.monotonic()
 
 
+def others_cpu_s() -> float:
+    """CPU time of all processes but this one and its ended children, with an unknown offset [s]: of other programs once
+    all children have ended. Idle time and the times of processes are exact."""
+    every_core, own = psutil.cpu_times(percpu=True), psutil.Process().cpu_times()
+    idle_s = sum(core.idle + getattr(core, "iowait", 0.0) for core in every_core)
+    return len(every_core) * time.monotonic() - idle_s - sum(own[:4])
+
+
 class Governor:
     """Controls the share of work so that the core has the wanted load."""
 
@@ -59,22 +71,30 @@ class Governor:
         self.work = min(MAX_SHARE, max(0.0, self.work + GAIN * (self.wanted - busy))) if self.wanted else 0.0
 
 
-def work(governor: Governor, core: Core) -> None:
-    """Work and sleep for random durations: constant ones could synchronise with the kernel clock or the robots."""
+def start_turns(governor: Governor, core: Core, work_s: float, act: Callable[[], None] = lambda: None) -> None:
+    """Work for about `work_s`, act, and pause so long that the core has the governor's load; in a thread, without end.
+
+    Durations are random: constant ones could synchronise with the kernel clock or the robots. Without load to add, a
+    turn has no work, and the longest pause."""
+    threading.Thread(target=_turns, args=(governor, core, work_s, act), daemon=True).start()
+
+
+def _turns(governor: Governor, core: Core, work_s: float, act: Callable[[], None]) -> None:
     look_at = time.monotonic() + LOOK_S
     while True:
         began = time.monotonic()
-        period = PERIOD_S * random.uniform(0.5, 1.5)
-        end = began + governor.work * period
-        while time.monotonic() < end:
-            pass
+        work = work_s * random.uniform(0.5, 1.5) if governor.work else 0.0
+        while time.monotonic() < began + work:
+            hashlib.sha256(BLOCK)
+        act()
         if time.monotonic() > look_at:
             governor.correct(core.busy())
             look_at = time.monotonic() + LOOK_S
-        time.sleep(max(0.0, began + period - time.monotonic()))
+        turn = min(LOOK_S, work / governor.work) if governor.work else LOOK_S
+        time.sleep(max(0.0, began + turn - time.monotonic()))
 
 
 if __name__ == "__main__":
     governor = Governor()
-    threading.Thread(target=work, args=(governor, Core(int(sys.argv[1]))), daemon=True).start()
-    answer_lines(governor.want)
+    start_turns(governor, Core(int(sys.argv[1])), WORK_S)
+    answer_commands(governor.want)

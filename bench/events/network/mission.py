@@ -1,7 +1,8 @@
 """The mission "move table" and its events: A leads, B helps in the same room, C comes from another room.
 
 In each step the leader sends B and C their SubPlans, both report when they are ready, the leader sends the start
-signal, and both report their results. Meanwhile each robot publishes its state, and A and B exchange scans.
+signal, and both report their results. Meanwhile each robot publishes its state and scans, which A and B exchange, or
+A with both helpers.
 """
 
 from __future__ import annotations
@@ -17,24 +18,28 @@ ROBOTS = (LEADER, *HELPERS)
 #: Rate of the states and scans of each robot, and of the steps of the mission (less if answers take longer) [Hz].
 STATE_HZ, STEP_HZ = 20.0, 10.0
 
-STATE, SCAN, SUBPLAN, READY, GO, RESULT, DONE = (
+STATE, SCAN, SHARED_SCAN, OWN, SUBPLAN, READY, GO, RESULT, DONE = (
     "robot.state",
-    "robot.scan",
+    "scan.room",
+    "scan.shared",
+    "robot.own",
     "mission.subplan",
     "mission.ready",
     "mission.go",
     "mission.result",
     "mission.done",
 )
+#: Which robots exchange scans, and the type of their events.
+SCANS = {"nobody": "", "A, B": SCAN, "A, B, C": SHARED_SCAN}
 
 #: Subscriptions of each robot: the leader receives from all robots, the helpers from the leader.
 INTERESTS: Mapping[str, tuple[Pattern, ...]] = {
     "A": (
-        *(Pattern(type, helper) for type in (STATE, READY, RESULT) for helper in HELPERS),
+        *(Pattern(type, helper) for type in (STATE, READY, RESULT, SHARED_SCAN) for helper in HELPERS),
         Pattern(SCAN, "B"),
     ),
-    "B": (*(Pattern(type, "A") for type in (STATE, f"{SUBPLAN}.B", GO, DONE, SCAN)),),
-    "C": (*(Pattern(type, "A") for type in (STATE, f"{SUBPLAN}.C", GO, DONE)),),
+    "B": (*(Pattern(type, "A") for type in (STATE, f"{SUBPLAN}.B", GO, DONE, SCAN, SHARED_SCAN)),),
+    "C": (*(Pattern(type, "A") for type in (STATE, f"{SUBPLAN}.C", GO, DONE, SHARED_SCAN)),),
 }
 
 
@@ -52,8 +57,8 @@ def expected(robot: str, sent: list[Sent]) -> int:
 
 
 def is_mission(type: str) -> bool:
-    """Whether both sub-networks need the event; scans do not count in the latencies."""
-    return type != SCAN
+    """Whether the event counts in the latencies; scans do not."""
+    return type not in (SCAN, SHARED_SCAN)
 
 
 def state(robot: str, number: int) -> dict[str, Any]:
