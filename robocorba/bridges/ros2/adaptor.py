@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 from robocorba.bridges.ros2 import ros_node
 from robocorba.bridges.ros2.lasers import Lasers, seconds_of
-from robocorba.errors.robots import RobotLost
+from robocorba.errors.robots import AdaptorFailed, RobotLost
+from robocorba.errors.services import ServiceError
 from robocorba.map_editor.spatial.frames import Frame, out_of, turned
 from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor
 from robocorba.robot.model_switcher import AdaptorContext
@@ -75,7 +76,10 @@ class Ros2Adaptor(RobotAdaptor):
             return False
         given = _parse(argv)
         self._odometry, self._track = None, PoseTrack()
-        node = ros_node(given.domain, f"robocorba_{''.join(c if c.isalnum() else '_' for c in self._name)}")
+        try:
+            node = ros_node(given.domain, f"robocorba_{''.join(c if c.isalnum() else '_' for c in self._name)}")
+        except ServiceError as error:
+            raise AdaptorFailed(str(error)) from None
         try:
             where = given.namespace.rstrip("/") + "/" if given.namespace else ""
             _subscribe(node, where + given.odom, "nav_msgs/msg/Odometry", self._note_odometry)

@@ -16,6 +16,7 @@ from robocorba.bridges.ros2.adaptor import Ros2Adaptor
 from robocorba.bridges.ros2.lasers import Lasers
 from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.sensing import UnknownSensor
+from robocorba.errors.services import ServiceError
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.sensing.scan import Mount
 
@@ -130,6 +131,13 @@ def test_what_is_missing_or_wrong_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     ):
         adaptor.start(["--scan", "scan", "--namespace", "r1"])
     assert robot.closed == 1 and not adaptor.read(RobotState())
+
+    def fail(domain: int | None, name: str) -> None:
+        raise ServiceError("ROS 2 is not installed in this Python")
+
+    monkeypatch.setattr(module, "ros_node", fail)
+    with pytest.raises(AdaptorFailed, match="ROS 2 is not installed"):
+        adaptor.start([])
     for wrong in (["--scan", "scan@1,2"], ["--pose=1,2,inf"], ["--domain", "x"], ["--speed", "1"]):
         with pytest.raises(AdaptorFailed, match="the adaptor's arguments"):
             adaptor.start(wrong)
