@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from robocorba.clients.cooperative_planners import planner_of
 from robocorba.console.server import Console, serve
 from robocorba.console.settings import ConsoleSettings
 from robocorba.errors.base import RoboCorbaError
@@ -19,7 +20,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         claim_state(settings.common.state)
         logs.setup("console", settings.common.state / "logs")
         with Orb(settings.common.naming) as orb:
-            serve(Console(orb, settings), settings)
+            serve(Console(orb, settings, planner_of), settings)
     except RoboCorbaError as error:
         fail(f"robocorba console: {error}")
 

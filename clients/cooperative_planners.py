@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from importlib.metadata import entry_points
-from typing import Any, TypeAlias
 
 from robocorba.errors.robots import MissionFailed
-from robocorba.missions.cooperative_planner import CooperativePlanner
+from robocorba.missions.cooperative_planner import MakePlanner
 from robocorba.missions.hand_over import HandOverPlanner
 from robocorba.missions.move_table import MoveTablePlanner
-from robocorba.missions.world import World
-from robocorba.planning.request import Place
 from robocorba.robot.programs import icons
 from robocorba.robot.programs.icons import Icon, kind
 
 #: The group of entry points that lead to planners, each with the tag of its icon as its name.
 GROUP = "robocorba.cooperative_planners"
-
-#: Makes a planner from the icon, the world, the leader's name and its place. Raises MissionFailed.
-MakePlanner: TypeAlias = Callable[[Any, World, str, Place], CooperativePlanner]
 
 PLANNERS: dict[type[Icon], MakePlanner] = {
     icons.MoveTable: lambda icon, world, leader, here: MoveTablePlanner(world, icon.table, icon.to, icon.carriers),

@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_099,
+    "lines of code": 52_159,
     "classes": 969,
     "upper-case names of modules": 1_077,
     "kernels": 66,
@@ -22,8 +22,8 @@ AT_MOST = {
     "modules at the root": 2,
     "rooms": 12,
 }
-#: Lines in all of Python outside the package, and words of documentation.
-LINES_AT_MOST = {"tests": 53_479, "testkit": 7_070, "bench": 10_020}
+#: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
+LINES_AT_MOST = {"tests": 53_479, "testkit": 7_070, "bench": 10_020, "robocorba/console/static": 11_720}
 WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_220, "CHANGELOG.md": 2_150}
 
 
@@ -83,8 +83,10 @@ def test_the_package_only_gets_smaller(what: str) -> None:
 
 @pytest.mark.parametrize("folder", LINES_AT_MOST)
 def test_what_lies_beside_the_package_only_gets_smaller(folder: str) -> None:
-    lines = sum(len(file.read_text().splitlines()) for file in (ROOT / folder).rglob("*.py"))
-    assert lines <= LINES_AT_MOST[folder]
+    files = [file for suffix in ("py", "js") for file in (ROOT / folder).rglob(f"*.{suffix}")]
+    lines = {file: len(file.read_text().splitlines()) for file in files}
+    assert sum(lines.values()) <= LINES_AT_MOST[folder]
+    assert not [file.name for file, count in lines.items() if file.suffix == ".js" and count >= 300]
 
 
 @pytest.mark.parametrize("name", WORDS_AT_MOST)

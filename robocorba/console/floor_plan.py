@@ -28,7 +28,6 @@ def floor_plan(building: Building, floor: str) -> dict[str, Any]:
     pieces = _pieces(building, floor)
     return {
         "name": floor,
-        "level": entry.floor.level,
         "elevation": entry.floor.elevation,
         "height": entry.floor.height,
         "outline": _points(entry.floor.outline),
@@ -42,21 +41,9 @@ def floor_plan(building: Building, floor: str) -> dict[str, Any]:
             {"name": door.name, "a": door.a, "b": door.b, "kind": door.kind.value, "locked": door.locked}
             for door in plan.doors.values()
         ],
-        "areas": [
-            {"name": area.name, "polygon": _points(area.polygon), "subnet": area.subnet} for area in plan.areas.values()
-        ],
+        "areas": [{"name": area.name, "polygon": _points(area.polygon)} for area in plan.areas.values()],
         "nodes": [{"name": node.name, "at": node.at, "elevator": node.elevator} for node in roads.nodes.values()],
-        "edges": [
-            {
-                "name": edge.name,
-                "from": edge.a,
-                "to": edge.b,
-                "a": roads.nodes[edge.a].at,
-                "b": roads.nodes[edge.b].at,
-                "oneWay": edge.one_way,
-            }
-            for edge in roads.edges.values()
-        ],
+        "edges": [{"a": roads.nodes[edge.a].at, "b": roads.nodes[edge.b].at} for edge in roads.edges.values()],
         "elevators": [_elevator(elevator, floor) for elevator in building.elevators_through(floor)],
     }
 
@@ -87,8 +74,6 @@ def _elevator(elevator: Elevator, floor: str) -> dict[str, Any]:
     return {
         "name": elevator.name,
         "at": elevator.at,
-        "size": elevator.size,
-        "heading": elevator.heading,
         "floors": list(elevator.floors()),
         "polygon": _points(geometry.shaft_polygon(elevator).exterior.coords[:-1]),
         "doors": [

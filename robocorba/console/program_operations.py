@@ -77,8 +77,8 @@ class ProgramOperations:
     def check_program(self, robot: str, program: str) -> Answer:
         """Check a program from a robot's present state; without a robot only its form.
 
-        `findings`: each with `kind` (error or note), `icon` (its path), `parameter` and `reason`. `is_executable`:
-        there is no error. `python`: the program as Python; empty if it can't be read."""
+        `findings`: each with `kind` (error or note), `icon` (its path), `parameter` and `reason`. `python`: the
+        program as Python; empty if it can't be read."""
         try:
             read = programs.loads(program)
         except InvalidProgram as error:
@@ -230,11 +230,7 @@ def _checked(report: CheckReport, read: Program | None) -> Answer:
         for found in report.findings
     ]
     notes = [{"kind": "note", "icon": note.icon, "parameter": "", "reason": note.what} for note in report.notes]
-    return {
-        "findings": errors + notes,
-        "is_executable": report.is_valid,
-        "python": python_source(read) if read else "",
-    }
+    return {"findings": errors + notes, "python": python_source(read) if read else ""}
 
 
 def _address(host: object, port: object) -> str:

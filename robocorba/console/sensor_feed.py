@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections import deque
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from robocorba.simulation.robot_scans import RobotScan
@@ -32,10 +32,6 @@ class Feed:
         self._gone: deque[tuple[int, str]] = deque()
         #: Whether it has been read; simulated time of its newest entry, and when all of it is read again [s].
         self.is_known, self.newest_s, self.all_at_s = False, -1.0, 0.0
-
-    @property
-    def keys(self) -> Collection[str]:
-        return self._entries.keys()
 
     def put(self, key: str, value: Any) -> None:
         """Set an entry to a value of JSON types."""

@@ -8,7 +8,7 @@ import errno
 import logging
 import socket
 import tempfile
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +47,7 @@ from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.errors.simulation import InvalidRecording
 from robocorba.events.arrival_clock import ArrivalClock
+from robocorba.missions.cooperative_planner import MakePlanner
 from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 from robocorba.orb.orb import Orb
 from robocorba.robot.corba.remote_data_pool import RemotePool
@@ -61,9 +62,9 @@ _log = logging.getLogger(__name__)
 
 
 class Console:
-    """A console of the system that `orb` is connected with."""
+    """A console of the system that `orb` is connected with. planner_of: see MissionOperations."""
 
-    def __init__(self, orb: Orb, settings: ConsoleSettings) -> None:
+    def __init__(self, orb: Orb, settings: ConsoleSettings, planner_of: Callable[[Any], MakePlanner]) -> None:
         self._settings = settings
         self.history = History(epoch=ArrivalClock().epoch)
         self.state = MonitorState(SystemState(orb), self.history, lambda: self.plans.building)
@@ -91,7 +92,7 @@ class Console:
             programs,
             PanelOperations(self.operations, programs, self.state.rows),
             MapOperations(orb),
-            MissionOperations(orb, self.state.rows),
+            MissionOperations(orb, self.state.rows, planner_of),
         ):
             self.operations.add(part)
         self.calls = Calls(self.operations)

@@ -55,10 +55,7 @@ class SystemOperations:
 
     def _with_rights(self) -> RemoteAdministrator:
         if self._administrator is None:
-            raise NotPossible(
-                "this needs the administrator's rights: start the console with --administrator FILE "
-                "(administrator.ior of the state folder)"
-            )
+            raise NotPossible("this needs a console with the rights of an administrator")
         return self._administrator
 
     # ---- the supervisor ----
@@ -70,8 +67,6 @@ class SystemOperations:
     def start_robot(
         self,
         name: str,
-        adaptor: str = "simulated",
-        adaptor_arguments: list[str] | None = None,
         floor: str = "",
         x: float | None = None,
         y: float | None = None,
@@ -83,9 +78,7 @@ class SystemOperations:
         at = None
         if x is not None or y is not None:
             at = number("x", x), number("y", y), heading
-        arguments = tuple(adaptor_arguments or ())
-        order = RobotOrder(name, adaptor, arguments, floor, at, channel)
-        self._supervisor.start_robot(order)
+        self._supervisor.start_robot(RobotOrder(name, floor=floor, at=at, channel=channel))
 
     def end_robot(self, robot: str) -> None:
         """End a robot that was started here; one that has ended is forgotten."""
@@ -101,9 +94,7 @@ def _row(state: ProcessState) -> dict[str, Any]:
         "name": state.name,
         "robot": state.robot,
         "phase": state.phase.value,
-        "processId": state.pid,
         "restarts": state.restarts,
         "since": state.since,
-        "boundNames": state.bound_names,
         "problem": state.problem,
     }

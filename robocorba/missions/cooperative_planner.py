@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
-from typing import Protocol
+from typing import Any, Protocol, TypeAlias
 
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.map_editor.polygons import FloorArea
 from robocorba.missions.subplan import CooperativePlan
+from robocorba.missions.world import World
 from robocorba.planning.request import Place
 
 #: Reserves one of several ways, each as its areas (floor, corners [m]), for a time [s], and waits until it is granted.
@@ -52,3 +53,7 @@ class CooperativePlanner(CarriedBody, Protocol):
         """A plan for some of these robots, including the leader. staying: others that stay where they are.
 
         Raises InTheWay for other robots where room is needed; MissionFailed, ImpossibleCarry, PathError."""
+
+
+#: Makes a planner from the icon, the world, the leader's name and its place. Raises MissionFailed.
+MakePlanner: TypeAlias = Callable[[Any, World, str, Place], CooperativePlanner]

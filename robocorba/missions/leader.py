@@ -6,12 +6,10 @@ After a fault all robots end safely, and the leader begins another attempt from 
 from __future__ import annotations
 
 import logging
-import math
 import random
 import re
 import time
-from collections.abc import Callable, Collection, Container, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from msgspec.structs import replace
 
@@ -24,6 +22,7 @@ from robocorba.missions.clock import OWN_CLOCK
 from robocorba.missions.cooperative_planner import CarriedBody, CooperativePlanner
 from robocorba.missions.leader_policy import DEFAULT_POLICY, LeaderPolicy
 from robocorba.missions.messages import Answer, Assignment, Call, Offer, WayMade
+from robocorba.missions.party import lacking, nearest_first
 from robocorba.missions.recorder import LedMission
 from robocorba.missions.remaining_carry import RemainingCarry
 from robocorba.missions.report import ASKING, RECOVERING, WAITING_FOR_AREAS, MissionReport
@@ -149,8 +148,8 @@ class Leader:
                 deadline += time.monotonic() - began  # waiting for areas may take longer than agreeing
                 with self._robot.awaiting(lambda: "offers of helpers"):
                     free, busy = self._collect_offers(planner)
-                if missing := _lacking(planner, free, busy):
-                    is_hopeless = not busy or _lacking(planner, [*free, *busy])
+                if missing := lacking(planner, free, busy):
+                    is_hopeless = not busy or lacking(planner, [*free, *busy])
                     if is_hopeless and not is_recovering:
                         raise MissionFailed(missing)
                 else:
@@ -244,7 +243,7 @@ class Leader:
         )
         began, sent_at = time.monotonic(), 0.0
         while (now := time.monotonic()) - began < (
-            policy.offer_timeout_s if _lacking(planner, free) else policy.surplus_offer_timeout_s
+            policy.offer_timeout_s if lacking(planner, free) else policy.surplus_offer_timeout_s
         ):
             if now - sent_at > policy.repeat_interval_s:
                 self._transport.publish(replace(call, received_offers=[*free, *busy]), 1.0)
@@ -260,17 +259,10 @@ class Leader:
         return free, busy
 
     def _candidates(
-        self, planner: CooperativePlanner, free: dict[str, Place], refusing: Container[str]
+        self, planner: CooperativePlanner, free: dict[str, Place], refusing: Collection[str]
     ) -> dict[str, Place]:
         """The leader and the nearest free robots; those that refused before only if there are not enough others."""
-        here = planner.meeting_point
-
-        def rank(name: str) -> tuple[bool, bool, bool, float]:
-            at = free[name]
-            is_far = at.floor != here.floor
-            return name not in planner.required, name in refusing, is_far, math.dist(at[1:], here[1:])
-
-        nearest = sorted(free, key=rank)
+        nearest = nearest_first(planner, free, refusing)
         willing = [name for name in nearest if name not in refusing]
         names = willing if len(willing) >= planner.helpers else nearest
         names = names[: planner.helpers + self._policy.spare_candidates]
@@ -336,17 +328,3 @@ def _before(faults: Sequence[str], last: str) -> str:
 def _stays(staying: Mapping[str, str]) -> str:
     """The robots that do not step aside, and why."""
     return "; ".join(f"{name} is in the way and {why}" for name, why in staying.items())
-
-
-def _lacking(
-    planner: CooperativePlanner, robots: Collection[str], busy: Mapping[str, str] = MappingProxyType({})
-) -> str:
-    """Why these helpers are not sufficient, empty if they are."""
-    others = "".join(f"; {name} {does}" for name, does in busy.items())
-    if len(robots) < planner.helpers:
-        return (
-            f"{planner.helpers} helpers are needed; {', '.join(sorted(robots)) or 'no robot'} offered to help{others}"
-        )
-    if absent := sorted(planner.required.difference(robots)):
-        return f"{' and '.join(absent)} did not offer to help: not there, or not free{others}"
-    return ""

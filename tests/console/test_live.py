@@ -50,7 +50,7 @@ def keys_after(*updates: tuple[list[RobotScan], bool, float, float]) -> list[str
     feed = ScanFeed()
     for update in updates:
         feed.receive(*update)
-    return list(feed.keys)
+    return list(feed.since(NOTHING).entries)
 
 
 def test_a_feed_has_all_and_then_changes_and_forgets_what_has_gone_long_ago() -> None:

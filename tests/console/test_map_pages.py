@@ -272,15 +272,9 @@ ROS_MAP = "image: {image}\nresolution: 0.1\norigin: [0, 0, 0]\noccupied_thresh: 
 ROS_LIST = "ros_maps: 1\nname: x\nfloors: [{{name: L1, level: 0, map: {map}}}]\n"
 
 
-def outside(folder: Path) -> Path:
-    """A picture on the console's host."""
-    picture = folder / "private.png"
-    Image.new("L", (40, 40), 254).save(picture)
-    return picture
-
-
 def test_uploads_can_not_name_pictures_and_maps_of_the_host(tmp_path: Path) -> None:
-    file, picture = tmp_path / "map.yaml", outside(tmp_path)
+    file, picture = tmp_path / "map.yaml", tmp_path / "private.png"
+    Image.new("L", (40, 40), 254).save(picture)
     for path in ("{}", "/../{}", "../../../../../../../../{}"):
         named = path.format(picture)
         inside = pytest.raises(MapFileError, match="a picture must lie in the folder of the file or below, not at")

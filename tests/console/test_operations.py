@@ -7,6 +7,7 @@ import contextlib
 import copy
 import json
 import math
+import re
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -19,6 +20,7 @@ import pytest
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from robocorba.clients.cooperative_planners import planner_of
 from robocorba.console import arguments
 from robocorba.console.arguments import InvalidArguments, NotPossible
 from robocorba.console.calls import MAX_BODY, STOPS, Calls
@@ -39,6 +41,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
+from robocorba.missions.world import StandingRobot
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult, RunReport
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.display import Display, DisplayKind
@@ -51,8 +54,9 @@ from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.registry import Pose
 from robocorba.system.decoding import Work
 from robocorba.system.settings import InvalidSetting
-from testkit.buildings import two_floors
+from testkit.buildings import two_floors, two_storeys
 from tests.console.asgi import answer, ask
+from tests.missions.places import MapWorld
 from tests.waits import until, work_for
 
 NOBODY: Any = None
@@ -193,13 +197,12 @@ def test_operations_need_rights_and_orders_the_right_types(tmp_path: Path) -> No
     operations.add(system)
     assert operations.call("rights", {}) == {"administrator": False, "supervisor": False}
     for name, given in (("pause_simulation", {}), ("evict", {"robot": "A"})):
-        with pytest.raises(Exception, match="--administrator FILE"):
+        with pytest.raises(NotPossible, match="rights of an administrator"):
             operations.call(name, given)
     with pytest.raises(Exception, match=r"the supervisor is not reachable: .*supervisor.ior"):
         operations.call("processes", {})
     wrong: list[dict[str, Any]] = [{"name": name} for name in (3, "A\0", "\ud800")]
     wrong += [{"name": "A", "x": 1.0}, *({"name": "A", "x": x, "y": 2} for x in ("1", math.nan, True))]
-    wrong += [{"name": "A", **others} for others in ({"adaptor_arguments": "-x"}, {"adaptor_arguments": [1]})]
     for given in (*wrong, {"name": "A", "channel": None}):
         with pytest.raises(InvalidArguments):
             operations.call("start_robot", given)
@@ -274,10 +277,10 @@ IDLE = {"condition": "IDLE", "reason": "", "mission": "", "channel": "a", "displ
 
 
 def leaders(robots: dict[str, Any], naming: str = "") -> list[dict[str, Any]]:
-    return MissionOperations(NOBODY, lambda: {"naming": naming, "robots": robots}).leaders()
+    return MissionOperations(NOBODY, lambda: {"naming": naming, "robots": robots}, planner_of).leaders()
 
 
-def row(**state: str) -> dict[str, Any]:
+def row(**state: Any) -> dict[str, Any]:
     return {"state": {**IDLE, **state}, "age": 0.1, "problem": "", "bound": True}
 
 
@@ -285,7 +288,7 @@ def test_who_can_lead_a_mission() -> None:
     assert leaders({"R1": row()}) == [{"robot": "R1", "channel": "a", "free": True, "why": ""}]
     for robot, why in (
         *((row(condition=condition), "waiting for B") for condition in ("STOPPED", "RUNNING", "PAUSED")),
-        (row(mission="M1"), "is in mission M1"),
+        (row(mission="M1"), "is in a mission"),
         (row(channel=""), "has no event channel"),
         ({**row(), "state": {"condition": "IDLE", "reason": ""}}, "has no event channel"),  # of an earlier release
         *(({**row(), **silent}, "does not answer") for silent in ({"problem": "hangs"}, {"state": None})),
@@ -297,6 +300,27 @@ def test_who_can_lead_a_mission() -> None:
     with pytest.raises(NotReachable, match="connecting"):
         leaders({}, "connecting")
     assert leaders({"R1": row()}, "does not answer")[0]["free"]
+
+
+def test_who_would_carry_what_is_known_before_a_mission_and_its_program_begin() -> None:
+    at = {"R1": (9.0, 5.5), "R2": (9.0, 1.5)}
+    rows = {name: row(at={"floor": "L1", "x": x, "y": y}) for name, (x, y) in at.items()}
+    state, standing = {"naming": "", "robots": rows}, [StandingRobot("D", "L1", 3.0, 3.5, 0.3)]
+    worlds = (MapWorld(two_storeys(), kg, standing) for kg in (40.0, 2.0))
+    heavy, missions = (MissionOperations(NOBODY, lambda: state, planner_of, world) for world in worlds)
+    carry = {"icon": "move_table", "table": "box", "to": {"floor": "L1", "x": 3.0, "y": 3.5, "heading": 0.0}}
+    assert missions.mission_party("R2", carry) == {"robots": ["R2", "R1"], "aside": ["D"]}
+    for change, reason in (
+        ({"to": {**carry["to"], "x": 0.0}}, "goal .* is not free"),  # type: ignore[dict-item]
+        ({"carriers": 3}, "3 robots are needed; free are R1, R2"),
+        ({"table": "chair"}, "there is no object 'chair'"),
+    ):
+        assert re.search(reason, missions.mission_party("R1", {**carry, **change})["reason"])
+    rows["R2"]["state"]["mission"] = "M1"
+    assert missions.mission_party("R2", carry) == {"reason": "R2 is not free"}
+    assert missions.mission_party("R1", carry, with_busy=True)["robots"] == ["R1", "R2"]
+    assert heavy.mission_party("R1", carry) == {"reason": "10 robots would be needed; at most 6 carry together"}
+    assert missions.object_place("box") == {"floor": "L1", "x": 5.4, "y": 3.5}
 
 
 LIMIT_S = 60.0
@@ -393,9 +417,8 @@ def test_the_schema_is_that_of_program_files_and_examples_are_programs(operation
 def test_a_check_has_errors_notes_and_python(operations: ProgramOperations, agent: Any) -> None:
     answer = operations.check_program("A", '{"name": "x", "icons": [{"icon": "wait"}]}')  # no program
     assert findings(answer)[0][:3] == ("error", "icons[0]", "seconds")
-    assert (answer["is_executable"], answer["python"], agent.method_calls) == (False, "", [])
+    assert (answer["python"], agent.method_calls) == ("", [])
     answer = operations.check_program("", WAITS)
-    assert answer["is_executable"]
     assert findings(answer) == [("note", "", "", "no robot is chosen: drives and arms are not checked")]
     with pytest.raises(NotReachable, match="robot B"):
         operations.check_program("B", WAITS)
@@ -403,7 +426,7 @@ def test_a_check_has_errors_notes_and_python(operations: ProgramOperations, agen
     agent.check.return_value.add_finding("icons[2]", "seconds", "is too long")
     answer = operations.check_program("A", WAITS)
     expected = [("error", "icons[2]", "seconds", "is too long"), ("note", "icons[1]", "", "is not checked")]
-    assert (findings(answer), answer["is_executable"]) == (expected, False)
+    assert findings(answer) == expected
     assert "program.wait(2.0)" in answer["python"]
 
 

@@ -53,6 +53,13 @@ SEE_STATUS = """() => {
   observer.observe(status, { childList: true, characterData: true, subtree: true });
 }"""
 
+#: What pure functions of the pages answer: module, call, answer.
+PURE = (
+    ("target_ghost", "partAt([2, 0], [[-1, -1], [1, -1], [1, 1], [-1, 1]], { x: 0, y: 0, heading: 0 }, 24)", "tip"),
+    ("texts", "durationText(3 * 3600 + 61)", "3 h 1 min"),
+    ("texts", "whenText(0, new Date(3e9)).length > m.whenText(0, new Date(0)).length", True),
+    ("happening_feed", "titled({ text: 'A runs mission (1.2' }, [{ name: '(1', kind: 'x', begun: 0 }]).mission", "(1"),
+)
 
 #: Timeout of every wait, for busy machines [s].
 LIMIT_S = 90.0
@@ -134,6 +141,11 @@ class Operator:
         for x, y in points:
             px, py = self.pixel(canvas, x, y)
             canvas.click(position={"x": px, "y": py}, button=button)
+
+    def drag_map(self, canvas: Locator, begin: tuple[float, float], end: tuple[float, float]) -> None:
+        """Drag from one point of the shown floor to another one [m]."""
+        (x0, y0), (x1, y1) = (self.pixel(canvas, *point) for point in (begin, end))
+        canvas.drag_to(canvas, source_position={"x": x0, "y": y0}, target_position={"x": x1, "y": y1})
 
     # ---- map ----
 
@@ -297,13 +309,15 @@ class Operator:
         self.add("mhand_joints")
         self.button("As R1 stands").click()
         self.add("lumbar", lower="4", upper="4", seconds="0.5")
-        self.add("gripper", hand="left", action="open")
+        self.add("gripper")
+        expect(self.card("gripper")).to_contain_text("close, left hand")
         self.add("wait_until", kind="farther_than", sensor="front", distance="0.1", seconds="5")
         self.add("confirm", question="free?", seconds="1", on_no="go_on")
         self.add("stop_if_closer", sensor="front", distance="0.05")
         self.add("mbase_by", ahead="0.25")
         self.select("stop_if_closer")
-        self.add("repeat", times="2")
+        self.add("repeat")
+        expect(self.card("repeat")).to_contain_text("2 times")
         self.add("mbase_velocity", ahead="0.2", left="0", turn="0", seconds="0.5")
         self.select("repeat")
         self.add("branch", kind="result", result="done")
@@ -314,6 +328,7 @@ class Operator:
         self.click_map(self.target_map(), (7.5, 2.0))
         self.add("hand_over", object=TABLE, taker="R2")
         self.add("mbase_path")
+        expect(self.card("mbase_path")).to_contain_text(re.compile(r"L1 3\.\d+, 2\.\d+"))
         self.page.get_by_label("Target on the map").get_by_role("tab", name="L2").click()
         self.click_map(self.target_map(), (CORNERS[1][0], 2.0))
         self.page.locator(".program-palette [data-icon=wait]").drag_to(
@@ -426,9 +441,17 @@ class Operator:
     def start_and_abort_mission(self) -> None:
         self.open("Missions")
         form = self.page.get_by_role("form", name="Start a mission")
-        form.get_by_label(re.compile("^leader")).select_option("R2")
-        form.get_by_label(re.compile("^object")).select_option(f"{TABLE} (L1)")
-        self.click_map(form.locator("canvas"), (7.5, 2.0))
+        canvas, verdict = form.locator("canvas"), form.locator(".mission-verdict")
+        form.get_by_label("Floors").get_by_role("tab", name="L1").click()
+        self.click_map(canvas, (2.0, 4.1))
+        expect(form.get_by_label(re.compile("^object"))).to_have_value(TABLE)
+        self.drag_map(canvas, (2.0, 4.1), (9.9, 2.0))
+        expect(verdict).to_contain_text("is not free for the object")
+        expect(self.button("Start anyway", form)).to_be_visible()
+        self.drag_map(canvas, (9.8, 2.0), (7.4, 2.0))
+        self.press("q")
+        expect(form.get_by_label(re.compile("^heading"))).to_have_value("15")
+        expect(verdict).to_contain_text("R2 leads, R1 helps")
         self.button("Start", form).click()
         row = self.page.locator(".missions-list tbody tr").first
         expect(row).to_contain_text("running")
@@ -436,7 +459,9 @@ class Operator:
         expect(self.page.locator(".gantt-name", has_text="gathering")).to_be_visible()
         self.button("Abort").click()
         expect(row).to_contain_text("aborted")
-        expect(self.page.locator(".missions-detail .missions-reason")).not_to_be_empty()
+        expect(self.page.locator(".missions-standing")).to_contain_text("stands at L1")
+        self.button("Again").click()
+        expect(form.get_by_label(re.compile("^heading"))).to_have_value("15")
         self.button("Report").click()
         expect(self.page.locator(".mission-report")).to_contain_text("aborted")
 
@@ -445,10 +470,21 @@ class Operator:
         self.open("Monitor")
         self.tab("Events")
         events, note = self.page.get_by_label("Events", exact=True), self.page.locator(".scene-note")
-        self.button(re.compile("mission .* has begun"), events).click()
+        events.get_by_label("Search events").fill("carry")
+        expect(events.locator("li")).to_have_count(1)
+        self.button(re.compile("earlier of this mission"), events).click()
+        self.button(re.compile("Carry .* has begun"), events).click()
         expect(note).to_contain_text("past")
-        self.button(re.compile("R1 runs .*<img"), events).click()
+        events.get_by_label("Search events").fill("")
+        self.button(re.compile("R1 runs .*<img"), events).last.click()
         expect(self.page.locator(".time-text")).to_contain_text("ago")
+        self.page.wait_for_url(re.compile("robot=R1.*at="))
+        moment = str(self.page.locator(".past-note strong").text_content())
+        assert self.page.context.browser
+        with contextlib.closing(self.page.context.browser.new_page(locale="en-GB")) as linked:
+            linked.goto(self.page.url)
+            expect(linked.locator(".past-note strong")).to_have_text(moment)
+            expect(linked.locator(".robot-table [aria-selected=true]")).to_contain_text("R1")
         self.tab(re.compile("^L1"))
         self.tab("Robots")
         self.press("Escape")
@@ -552,3 +588,6 @@ def test_an_operators_day(tmp_path: Path) -> None:
         assert not user.troubles
         user.kill_console(system)
         assert all(re.search("net::ERR_|WebSocket", trouble) for trouble in user.troubles)
+        for module, call, answer in PURE:
+            script = f"async () => {{ const m = await import('/static/{module}.js'); return m.{call}; }}"
+            assert user.page.evaluate(script) == answer, call

@@ -6,10 +6,11 @@
 // right hand mirrors the left one. with-attitude: false if the hand may turn as it likes. is-still: the robot is only
 // shown. change: {joints, pose, side, arm}: what was reached; pose {x, y, z, roll, pitch, yaw} [m, rad] of the (left)
 // hand in the robot's frame, arm: the 7 angles of its arm.
-import { OrbitControls, THREE } from "nicegui-scene";
+import { THREE } from "nicegui-scene";
 import { HandTarget } from "/static/hand_target.js";
 import { call } from "/static/live.js";
 import { ArticulatedRobot, loadRobotShape } from "/static/robot_model.js";
+import { SceneView } from "/static/scene_view.js";
 
 const STEP_M = 0.02, STEP_RAD = Math.PI / 36;
 // Label, icon, key, and the move (ahead, left, up) or turn (roll, pitch, yaw) of one step.
@@ -70,7 +71,6 @@ export const ArmPoser = {
   template: `
     <div class="arm-poser">
       <div class="arm-poser-view" ref="view">
-        <canvas ref="canvas" tabindex="0" @keydown="key" :aria-label="label"></canvas>
         <div v-if="message" class="console-overlay">{{ message }}</div>
         <div v-if="!isStill" class="arm-poser-words" :class="{ 'is-problem': problem }" role="status">
           {{ problem || words }}</div>
@@ -96,72 +96,39 @@ export const ArmPoser = {
   },
   unmounted() {
     this.isGone = true;
-    this.observer?.disconnect();
-    cancelAnimationFrame(this.frame);
-    window.removeEventListener("robocorba-colors", this.recolor);
     this.target?.close();
     this.robot?.close();
-    this.orbit?.dispose();
-    this.renderer?.dispose();
-    this.renderer?.forceContextLoss(); // browsers allow few contexts
+    this.view?.close();
   },
   methods: {
     setUp(shape) {
-      const { canvas, view } = this.$refs;
-      this.scene = new THREE.Scene();
-      this.camera = new THREE.PerspectiveCamera(38, 1, 0.05, 30);
-      this.camera.up.set(0, 0, 1);
-      this.camera.position.set(2.1, 1.5, 1.6);
-      this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8090a0, 2.2));
-      const sun = new THREE.DirectionalLight(0xffffff, 1.6);
-      sun.position.set(3, 2, 5);
-      this.scene.add(sun, new THREE.GridHelper(2, 8, 0x888888, 0x888888).rotateX(Math.PI / 2));
-      this.robot = new ArticulatedRobot(shape);
-      this.scene.add(this.robot.group);
-      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, powerPreference: "low-power" });
-      this.orbit = new OrbitControls(this.camera, canvas);
-      this.orbit.target.set(0.15, 0, 0.85);
-      this.orbit.enablePan = false;
-      this.orbit.addEventListener("change", () => this.redraw());
-      this.orbit.update();
-      if (!this.isStill) {
-        this.target = new HandTarget(this.robot, { camera: this.camera, canvas, orbit: this.orbit }, {
-          changed: (result) => this.changed(result),
-          notify: (problem) => (this.problem = problem),
-          redraw: () => this.redraw(),
-        });
-      }
-      this.recolor = () => this.redraw();
-      window.addEventListener("robocorba-colors", this.recolor);
-      canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
-      canvas.addEventListener("webglcontextrestored", () => this.redraw());
-      this.observer = new ResizeObserver(() => this.resize());
-      this.observer.observe(view);
-      this.resize();
-      this.take();
-    },
-    resize() {
-      const { width, height } = this.$refs.view.getBoundingClientRect();
-      if (!width || !height) return;
-      this.renderer.setSize(width, height);
-      this.camera.aspect = width / height;
-      this.camera.updateProjectionMatrix();
-      this.redraw();
-    },
-    redraw() {
-      this.frame ??= requestAnimationFrame(() => {
-        this.frame = undefined;
-        if (this.isGone) return;
-        this.scene.background = new THREE.Color(document.body.classList.contains("body--dark") ? 0x20262c : 0xe9eef2);
-        this.renderer.render(this.scene, this.camera);
+      this.view = new SceneView(this.$refs.view, {
+        notify: (message) => (this.message = message), key: (event) => this.key(event), pointer: () => {}, moved: () => {},
+        remade: () => this.takeCanvas(),
       });
+      const { camera, scene, orbit } = this.view;
+      camera.position.set(2.1, 1.5, 1.6);
+      orbit.target.set(0.15, 0, 0.85);
+      orbit.update();
+      this.robot = new ArticulatedRobot(shape);
+      scene.add(this.robot.group, new THREE.GridHelper(2, 8, 0x888888, 0x888888).rotateX(Math.PI / 2));
+      this.takeCanvas();
+    },
+    takeCanvas() {
+      this.target?.close();
+      this.view.canvas.setAttribute("aria-label", this.label);
+      this.target = this.isStill ? null : new HandTarget(this.robot, this.view, {
+        changed: (result) => this.changed(result), notify: (problem) => (this.problem = problem),
+        redraw: () => this.view.redraw(),
+      });
+      this.take();
     },
     take() {
       if (!this.robot) return;
       const joints = this.joints?.length ? this.joints : this.ready;
       if (this.isStill) {
         this.robot.pose(joints);
-        this.redraw();
+        this.view.redraw();
         return;
       }
       const options = { side: this.side, with_attitude: this.withAttitude };

@@ -13,6 +13,22 @@ export function callPanel(operation, robot, argument = {}, limitMs = CALL_MS) {
   return post(`/panel-call/${operation}/${encodeURIComponent(robot)}`, argument, limitMs);
 }
 
+// Do some work for a component; `busy` names its member that is true meanwhile, `problem` the one that says why it has
+// failed, "" if it has not. Returns whether it has not.
+export async function attempt(component, work, { busy = "isBusy", problem = "problem" } = {}) {
+  component[busy] = true;
+  component[problem] = "";
+  try {
+    await work();
+    return true;
+  } catch (error) {
+    component[problem] = error.message;
+    return false;
+  } finally {
+    component[busy] = false;
+  }
+}
+
 async function post(address, argument, limitMs) {
   let answer;
   try {

@@ -65,9 +65,7 @@ export default {
     this.unlisten();
   },
   watch: {
-    chosen() {
-      this.describe();
-    },
+    chosen: "describe",
   },
   methods: {
     update() {

@@ -1,6 +1,6 @@
 // Drives of one robot by clicks on the map: the way to the places, its length and time, or why there is none; then the
 // robot drives there once, or there and back again until it is stopped.
-import { call } from "/static/calls.js";
+import { attempt, call } from "/static/calls.js";
 
 const PROGRAM = "drive here";
 // Repeats of a patrol, the most that a program has.
@@ -74,19 +74,14 @@ export default {
       const icons = goals.map(({ floor, x, y }) => ({ icon: "mbase_path", floor, x, y }));
       const body = isPatrol ? [{ icon: "repeat", times: ROUNDS, icons }] : icons;
       const program = JSON.stringify({ format: 1, name: PROGRAM, robot: "SmartPal", icons: body });
-      this.isAsking = true;
-      try {
+      await attempt(this, async () => {
         const { findings } = await call("check_program", { robot: name, program });
         const error = findings.find(({ kind }) => kind === "error");
         if (error) throw new Error(error.reason);
         await this.endDrive();
         await call("run_program", { robot: name, program });
         this.$emit("close");
-      } catch (error) {
-        this.problem = error.message;
-      } finally {
-        this.isAsking = false;
-      }
+      }, { busy: "isAsking" });
     },
     // A drive that was begun here before ends; another program of the robot does not.
     async endDrive() {

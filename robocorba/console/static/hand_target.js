@@ -11,7 +11,7 @@ const LATE_MS = 800;
 const REACHABLE = 0xd55e00, UNREACHABLE = 0xb00068;
 
 export class HandTarget {
-  // robot: an ArticulatedRobot. view: {camera, canvas, orbit}. changed(result): it was reached, see arm_poser.js.
+  // robot: an ArticulatedRobot. view: a SceneView. changed(result): it was reached, see arm_poser.js.
   // notify(problem): why it was not, or "". redraw(): something to draw has changed.
   constructor(robot, view, { changed, notify, redraw }) {
     Object.assign(this, { robot, view, changed, notify, redraw });
@@ -86,15 +86,14 @@ export class HandTarget {
 
   onScreen(event) {
     const box = this.view.canvas.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top, box.width, box.height];
+    return [event.clientX - box.left, event.clientY - box.top];
   }
 
   grasp(event) {
-    const [x, y, width, height] = this.onScreen(event);
+    const [x, y] = this.onScreen(event);
     const at = this.handle.getWorldPosition(new THREE.Vector3());
-    const seen = at.clone().project(this.view.camera);
-    const away = Math.hypot(((seen.x + 1) / 2) * width - x, ((1 - seen.y) / 2) * height - y);
-    if (event.button !== 0 || away > GRASP_PX || seen.z > 1) return;
+    const seen = this.view.onCanvas(at);
+    if (event.button !== 0 || !seen || Math.hypot(seen[0] - x, seen[1] - y) > GRASP_PX) return;
     event.stopImmediatePropagation();
     this.view.canvas.focus();
     this.view.canvas.setPointerCapture(event.pointerId);
@@ -106,10 +105,7 @@ export class HandTarget {
   drag(event) {
     if (!this.plane) return;
     event.stopImmediatePropagation();
-    const [x, y, width, height] = this.onScreen(event);
-    const ray = new THREE.Raycaster();
-    ray.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.view.camera);
-    const point = ray.ray.intersectPlane(this.plane, new THREE.Vector3());
+    const point = this.view.rayAt(this.onScreen(event)).ray.intersectPlane(this.plane, new THREE.Vector3());
     if (!point) return;
     this.position.copy(this.robot.group.worldToLocal(point));
     this.want();

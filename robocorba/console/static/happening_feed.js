@@ -1,5 +1,6 @@
 // What has happened in the system, with the missions that began and ended, for the time bar and the list of events.
 import { call, live } from "/static/live.js";
+import { missionTitle } from "/static/mission_words.js";
 
 // Events are kept for this time [s], and up to this number.
 const KEPT_S = 1800;
@@ -47,7 +48,11 @@ export class HappeningFeed {
   }
 
   say() {
-    if (!this.isClosed) this.changed([...this.happenings, ...this.missions].sort((a, b) => a.at - b.at));
+    if (this.isClosed) return;
+    const known = [...live.missions.values()];
+    const isOfMission = ({ kind }) => kind === "mission" || kind === "program";
+    const happenings = this.happenings.map((each) => (isOfMission(each) ? titled(each, known) : each));
+    this.changed([...happenings, ...this.missions].sort((a, b) => a.at - b.at));
   }
 
   close() {
@@ -58,12 +63,45 @@ export class HappeningFeed {
 
 // The begin and the end of each mission since a time, as happenings.
 function missionEvents(missions, since) {
-  const event = ({ name, leader }, what, at, text) => ({
-    number: `${what} ${name}`, at, kind: "mission", robot: leader, floor: "", text: `mission ${name} ${text}`,
+  const event = (mission, what, at, text) => ({
+    number: `${what} ${mission.name}`, at, kind: "mission", robot: mission.leader, floor: "", mission: mission.name,
+    text: `${missionTitle(mission)} ${text}`,
   });
   const end = ({ result, reason }) => `has ended, ${result}${reason ? `: ${reason}` : ""}`;
   return [...missions].flatMap((mission) => [
     event(mission, "begin", mission.begun, "has begun"),
     mission.ended && event(mission, "end", mission.ended, end(mission)),
   ]).filter((each) => each && each.at >= since);
+}
+
+// A happening of a mission with the mission's title instead of its name, and of the number of its attempt.
+export function titled(happening, missions) {
+  const mission = missions.find(({ name }) => happening.text.includes(`mission ${name}`)
+    || happening.text.includes(`mission \u2068${name}`));
+  if (!mission) return happening;
+  const name = mission.name.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
+  const named = new RegExp(`\u2068?mission \u2068?${name}(\\.\\d+)?\u2069?`);
+  return { ...happening, mission: mission.name, text: happening.text.replace(named, () => missionTitle(mission)) };
+}
+
+// The happenings of a kind ("" for all) that have all words.
+export function wantedOf(happenings, kind, words) {
+  const wanted = words.toLowerCase().split(/\s+/).filter(Boolean);
+  const has = ({ text, robot }) => wanted.every((word) => `${text} ${robot}`.toLowerCase().includes(word));
+  return happenings.filter((each) => (!kind || each.kind === kind) && has(each));
+}
+
+// Happenings in their order, those of a mission as one: the first one, with the others in `inner`.
+export function foldedByMission(happenings) {
+  const heads = new Map();
+  return happenings.flatMap((each) => {
+    const head = heads.get(each.mission);
+    if (head) {
+      head.inner.push(each);
+      return [];
+    }
+    const row = { ...each, inner: [] };
+    if (each.mission) heads.set(each.mission, row);
+    return [row];
+  });
 }

@@ -1,7 +1,7 @@
 // The panel of files: export and import with their losses, and the picture below a floor; and the map page's methods
 // for it.
 import { download } from "/static/download.js";
-import { call } from "/static/live.js";
+import { attempt, call } from "/static/live.js";
 import { shown } from "/static/map_form.js";
 
 // Larger files don't fit into a request of 8 MiB.
@@ -23,7 +23,7 @@ export const FilesPanel = {
             v-model="image"><option>pgm</option><option>png</option></select></label>
       </template>
       <div class="console-actions"><q-btn dense no-caps color="primary" icon="download" label="Export"
-          :loading="busy === 'export'" @click="export_" /></div>
+          :loading="isExporting" @click="export_" /></div>
       <div v-if="exported" role="status">
         <p class="map-none">{{ exported.name }} {{ exported.losses.length ? 'lacks:' : 'holds everything.' }}</p>
         <ul class="map-losses"><li v-for="loss in exported.losses">{{ loss }}</li></ul></div>
@@ -66,31 +66,21 @@ export const FilesPanel = {
   data() {
     return {
       formats: [], format: "native", resolution: 0.05, image: "pgm", unknown: "blocked", specks: "walls",
-      topology: false, busy: "", exported: null, found: null, problem: "", pictureProblem: "", files: null, turn: 0,
+      topology: false, busy: "", isExporting: false, exported: null, found: null, problem: "", pictureProblem: "", files: null, turn: 0,
       placing: [["x", "left m"], ["y", "lower edge m"], ["resolution", "m per pixel"]],
     };
   },
-  async created() {
-    try {
-      this.formats = await call("map_formats");
-    } catch (error) {
-      this.problem = error.message;
-    }
+  created() {
+    attempt(this, async () => { this.formats = await call("map_formats"); });
   },
   methods: {
     async export_() {
-      this.busy = "export";
       this.exported = null;
-      this.problem = "";
-      try {
+      await attempt(this, async () => {
         const argument = { format: this.format, resolution: this.resolution, image: this.image };
         this.exported = await call("map_export", argument);
         download(this.exported.name, bytes(this.exported.content));
-      } catch (error) {
-        this.problem = error.message;
-      } finally {
-        this.busy = "";
-      }
+      }, { busy: "isExporting" });
     },
     async read(list) {
       const turn = ++this.turn; // answers for files and options of an earlier turn are dropped

@@ -1,5 +1,5 @@
 // What the map page draws over a floor: selection with handles, what is being drawn or moved, findings, and paths.
-import { disc, line, polygon } from "/static/floor_canvas.js";
+import { cross, disc, line, ring, trace } from "/static/canvas_shapes.js";
 import { shortened } from "/static/texts.js";
 
 export const HANDLE_PX = 6;
@@ -84,9 +84,7 @@ export class MapLayer {
     context.lineWidth = canvas.px(width);
     context.setLineDash(dash);
     if (points.length === 1) {
-      context.beginPath();
-      context.arc(points[0][0], points[0][1], canvas.px(7), 0, 2 * Math.PI);
-      context.stroke();
+      ring(context, ...points[0], canvas.px(7));
     } else {
       trace(context, points, isClosed);
       if (isClosed) {
@@ -119,9 +117,7 @@ export class MapLayer {
   drawCabinNode(context, canvas, { members }) {
     context.strokeStyle = canvas.colors.node;
     context.lineWidth = canvas.px(1.5);
-    context.beginPath();
-    context.arc(members.at[0], members.at[1], canvas.px(7), 0, 2 * Math.PI);
-    context.stroke();
+    ring(context, ...members.at, canvas.px(7));
   }
 
   drawDraft(context, canvas) {
@@ -136,10 +132,7 @@ export class MapLayer {
         const [[x0, y0], [x1, y1]] = points;
         context.strokeRect(Math.min(x0, x1), Math.min(y0, y1), Math.abs(x1 - x0), Math.abs(y1 - y0));
       } else if (tool.name === "circle") {
-        context.beginPath();
-        context.arc(points[0][0], points[0][1], Math.hypot(points[1][0] - points[0][0], points[1][1] - points[0][1]), 0,
-          7);
-        context.stroke();
+        ring(context, ...points[0], Math.hypot(points[1][0] - points[0][0], points[1][1] - points[0][1]));
       } else {
         trace(context, points, ["polygon", "area", "outline"].includes(tool.name));
         context.stroke();
@@ -154,21 +147,9 @@ export class MapLayer {
   drawCursor(context, canvas, { at: [x, y], to }) {
     const size = canvas.px(to === "grid" || to === "direction" || !to ? 5 : 7);
     context.lineWidth = canvas.px(2);
-    context.beginPath();
-    if (to === "node") context.arc(x, y, size, 0, 2 * Math.PI);
-    else if (to === "end") context.rect(x - size, y - size, 2 * size, 2 * size);
-    else if (to === "line") {
-      context.moveTo(x - size, y - size);
-      context.lineTo(x + size, y + size);
-      context.moveTo(x - size, y + size);
-      context.lineTo(x + size, y - size);
-    } else {
-      context.moveTo(x - size, y);
-      context.lineTo(x + size, y);
-      context.moveTo(x, y - size);
-      context.lineTo(x, y + size);
-    }
-    context.stroke();
+    if (to === "node") ring(context, x, y, size);
+    else if (to === "end") context.strokeRect(x - size, y - size, 2 * size, 2 * size);
+    else cross(context, [x, y], size, to === "line");
   }
 
   drawFrame(context, canvas) {
@@ -203,16 +184,8 @@ export class MapLayer {
   labels(context, canvas) {
     if (this.elements?.floor !== canvas.plan.name) return;
     const { colors } = canvas;
-    const write = (text, [px, py], color) => {
-      context.lineWidth = 3;
-      context.strokeStyle = colors.ground;
-      context.strokeText(text, px, py);
-      context.fillStyle = color;
-      context.fillText(text, px, py);
-    };
+    const write = (text, [px, py], color) => canvas.drawText(text, px, py - 7, color);
     context.font = "12px system-ui, sans-serif";
-    context.textAlign = "center";
-    context.textBaseline = "bottom";
     for (const [{ members }, { x, y }] of this.moved()) {
       write(`${shortened(members.name, 20)} stands here now`, canvas.pixel(x, y), colors.selected);
     }
@@ -257,11 +230,11 @@ export class MapLayer {
       context.stroke();
       context.fill();
       context.fillStyle = canvas.colors.ground;
+      context.textAlign = "center";
       context.textBaseline = "middle";
       context.font = `bold ${size + 2}px system-ui, sans-serif`;
       context.fillText("!", px, py + 1);
     });
-    context.textBaseline = "bottom";
     context.font = "12px system-ui, sans-serif";
   }
 
@@ -276,14 +249,6 @@ export class MapLayer {
       ? `${Math.abs(dx).toFixed(2)} \u00d7 ${Math.abs(dy).toFixed(2)} m`
       : `${Math.hypot(dx, dy).toFixed(2)} m, ${((Math.atan2(dy, dx) * 180) / Math.PI).toFixed(0)}\u00b0`;
     write(text, [px, py - 12], canvas.colors.text);
-  }
-}
-
-function trace(context, points, isClosed) {
-  if (isClosed) polygon(context, points);
-  else {
-    context.beginPath();
-    points.forEach(([x, y], n) => (n ? context.lineTo(x, y) : context.moveTo(x, y)));
   }
 }
 

@@ -1,5 +1,5 @@
 // The elements of a floor as the map page edits them: {kind, floor, name, version, members}, their shapes and handles.
-import { nearestOn } from "/static/segments.js";
+import { isInside, nearestOn, placed, unplaced } from "/static/segments.js";
 
 // What a new name of each kind begins with.
 const PREFIXES = { wall: "w", object: "object ", door: "d", area: "room ", node: "n", elevator: "E", floor: "L",
@@ -154,7 +154,7 @@ export function handlesOf({ kind, members }) {
   const corners = kind === "object" && members.shape.kind === "polygon"
     ? placed(members.shape.points, members).map((at, n) => ({
       at,
-      members: with_((result, point) => (result.shape.points[n] = unplaced(point, members))),
+      members: with_((result, point) => (result.shape.points[n] = unplaced([point], members)[0].map(rounded))),
     }))
     : [];
   const shape = kind === "elevator" ? { kind: "box", size: members.size } : members.shape;
@@ -182,26 +182,6 @@ export function shapePoints(shape) {
   }
   const [x, y] = [shape.size[0] / 2, shape.size[1] / 2];
   return [[-x, -y], [x, -y], [x, y], [-x, y]];
-}
-
-function placed(points, { at, heading }) {
-  const cos = Math.cos(heading), sin = Math.sin(heading);
-  return points.map(([x, y]) => [at[0] + x * cos - y * sin, at[1] + x * sin + y * cos]);
-}
-
-function unplaced(point, { at, heading }) {
-  const cos = Math.cos(heading), sin = Math.sin(heading);
-  const [x, y] = [point[0] - at[0], point[1] - at[1]];
-  return [rounded(x * cos + y * sin), rounded(y * cos - x * sin)];
-}
-
-function isInside(points, [x, y]) {
-  let inside = false;
-  for (let n = 0, m = points.length - 1; n < points.length; m = n++) {
-    const [ax, ay] = points[n], [bx, by] = points[m];
-    if (ay > y !== by > y && x < ((bx - ax) * (y - ay)) / (by - ay) + ax) inside = !inside;
-  }
-  return inside;
 }
 
 function areaOf(points) {

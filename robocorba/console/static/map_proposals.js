@@ -1,5 +1,5 @@
 // What robots have seen and no map has: drawn with dashes, and a panel to accept or reject it.
-import { polygon } from "/static/floor_canvas.js";
+import { polygon } from "/static/canvas_shapes.js";
 import { call } from "/static/live.js";
 
 // Interval of asking for proposals [ms].

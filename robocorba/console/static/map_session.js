@@ -1,4 +1,5 @@
 // A tab's session at the map editor: its edits, what it can undo, and the news of other editors.
+import { keep, kept } from "/static/browser_store.js";
 import { call } from "/static/live.js";
 import { Elements } from "/static/map_model.js";
 
@@ -19,7 +20,7 @@ export class MapSession {
     Object.assign(this, { changed, say, key: "", version: 0, undoable: "", redoable: "", news: [], floor: "",
       own: [], whole: 0 });
     this.author = localStorage.getItem(AUTHOR) || "operator";
-    Object.assign(this, kept());
+    Object.assign(this, kept(KEPT));
     this.elements = new Elements();
     this.own = new Set(this.own);
     // The promise of the load that is under way, and whether it must load once more.
@@ -59,11 +60,7 @@ export class MapSession {
 
   keep() {
     const { key, version, whole, news } = this;
-    try {
-      sessionStorage.setItem(KEPT, JSON.stringify({ key, version, whole, news, own: [...this.own].slice(-MAX_OWN) }));
-    } catch {
-      // the browser keeps nothing: the next page begins anew
-    }
+    keep(KEPT, { key, version, whole, news, own: [...this.own].slice(-MAX_OWN) });
   }
 
   async rename(author) {
@@ -180,13 +177,5 @@ export class MapSession {
       this.say(error.message, true);
       return false;
     }
-  }
-}
-
-function kept() {
-  try {
-    return JSON.parse(sessionStorage.getItem(KEPT)) ?? {};
-  } catch {
-    return {};
   }
 }

@@ -9,6 +9,9 @@ export const MissionReport = {
           @click="download" /></div>
       <dl class="console-facts">
         <template v-for="([name, value], index) in facts" :key="index"><dt>{{ name }}</dt><dd>{{ value }}</dd></template></dl>
+      <details><summary>more</summary><dl class="console-facts">
+        <template v-for="([name, value], index) in details" :key="index"><dt>{{ name }}</dt><dd>{{ value }}</dd></template>
+        </dl></details>
       <table v-if="report.phases?.length" class="console-table"><caption>Phases</caption>
         <thead><tr><th>phase</th><th>from</th><th>duration</th><th>waited for</th><th>skew at its
           start</th></tr></thead>
@@ -37,6 +40,10 @@ export const MissionReport = {
       const rows = [["result", report.result], ["took", this.seconds(report.seconds)]];
       if (report.reason) rows.push(["reason", report.reason]);
       for (const [robot, role] of Object.entries(report.robots ?? {})) rows.push([role || "member", robot]);
+      return rows;
+    },
+    details() {
+      const { report } = this, rows = [["identity", report.mission]];
       if (report.farthest_grip_m != null) rows.push(["grip from the hand at most",
         `${(1000 * report.farthest_grip_m).toFixed(1)} mm`]);
       if (report.tick_skew_ms) rows.push(["skew between carriers",

@@ -3,9 +3,14 @@ import { call, live } from "/static/live.js";
 import { MissionGantt } from "/static/mission_gantt.js";
 import { MissionReport } from "/static/mission_report.js";
 import { MissionStart } from "/static/mission_start.js";
+import { missionTitle } from "/static/mission_words.js";
+import { rememberView } from "/static/shared_view.js";
+import { durationText } from "/static/texts.js";
 
 // Interval between reports of a running mission, for the bars of its robots [ms].
 const REPORT_MS = 2000;
+// The mission that the address names.
+const LINKED = new URLSearchParams(location.search).get("mission") ?? "";
 // Results with a sign, so that they are told apart without colours.
 const SIGNS = { running: "\u25b6", aborting: "\u25a0", done: "\u2713", aborted: "\u25a0", failed: "\u2717" };
 
@@ -16,27 +21,25 @@ export default {
       <section class="missions-main">
         <div class="missions-list">
           <table class="console-table">
-            <thead><tr><th>State</th><th>Mission</th><th>Object</th><th>Leader</th><th>Phase</th>
-              <th>Begun</th><th>Took</th></tr></thead>
+            <thead><tr><th>State</th><th>Mission</th><th>Leader</th><th>Phase</th><th>Took</th></tr></thead>
             <tbody>
               <tr v-for="row in rows" :key="row.name" tabindex="0" :aria-selected="row.name === selected"
                   :class="'is-' + row.state"
                   @click="select(row.name)" @keydown.enter="select(row.name)" @keydown.space.prevent="select(row.name)">
                 <td><span class="mission-state" :class="'is-' + row.state">{{ row.sign }} {{ row.state }}</span></td>
-                <td :title="row.name">{{ row.name }}</td><td :title="row.about">{{ row.about }}</td><td
-                    :title="row.leader">{{ row.leader }}</td>
-                <td :title="row.phase">{{ row.phase }}</td><td>{{ row.begunText }}</td><td>{{ row.took }}</td></tr>
+                <td :title="row.title">{{ row.title }}</td><td :title="row.leader">{{ row.leader }}</td>
+                <td :title="row.phase">{{ row.phase }}</td><td>{{ row.took }}</td></tr>
             </tbody>
           </table>
           <p v-if="!rows.length" class="console-message">{{ empty }}</p>
           <p v-else-if="problem" class="map-note"
               role="alert">{{ problem }}; the missions are shown as they were last known</p>
         </div>
-        <div v-if="mission" class="missions-detail" :aria-label="'Mission ' + mission.name">
-          <h2 class="missions-title"
-              :title="mission.name"><span>{{ mission.kind.replaceAll('_', ' ') }} {{ mission.about }}</span>
+        <div v-if="mission" class="missions-detail" :aria-label="chosen.title">
+          <h2 class="missions-title"><span>{{ chosen.title }}</span>
             <small class="mission-state" :class="'is-' + chosen.state">{{ chosen.sign }} {{ chosen.state }}</small></h2>
-          <p v-if="mission.reason" class="missions-reason">{{ mission.reason }}</p>
+          <p v-if="mission.reason || standing" class="missions-reason">{{ mission.reason }}
+            <span v-if="standing" class="missions-standing">{{ standing }}</span></p>
           <p v-if="notes[mission.name]" class="map-note" role="alert">{{ notes[mission.name] }}</p>
           <div class="console-actions">
             <q-btn v-if="mission.result === 'running'" dense no-caps color="negative" icon="stop"
@@ -45,6 +48,8 @@ export default {
             <q-btn v-if="mission.result !== 'running'" dense no-caps outline icon="summarize"
                 :label="isReportShown ? 'Hide report' : 'Report'"
                    :aria-expanded="isReportShown" @click="toggleReport" />
+            <q-btn v-if="mission.result !== 'running'" dense no-caps outline icon="replay" label="Again"
+                title="Fill the form with what this mission was to do" :loading="isOrdering" @click="again" />
             <span class="missions-members">{{ memberText }}</span></div>
           <mission-gantt v-if="mission.phases.length" :mission="mission" :report="report" :now="now"></mission-gantt>
           <p v-else class="map-none">No phase has begun yet.</p>
@@ -56,24 +61,24 @@ export default {
         </div>
       </section>
       <aside class="console-side" aria-label="Start a mission"><mission-start
-          @started="started"></mission-start></aside>
+          ref="start" @started="select"></mission-start></aside>
     </div>`,
   data() {
     return {
-      rows: [], selected: "", mission: null, now: 0, problem: "", empty: "connecting", aborting: {}, notes: {},
+      rows: [], selected: LINKED, mission: null, now: 0, problem: "", empty: "connecting", aborting: {}, notes: {},
         isOrdering: false,
-      report: null, reportProblem: "", isReportShown: false,
+      standing: "", report: null, reportProblem: "", isReportShown: false,
     };
   },
   computed: {
     chosen() {
-      return this.rows.find((row) => row.name === this.selected) ?? { state: "", sign: "" };
+      return this.rows.find((row) => row.name === this.selected) ?? { state: "", sign: "", title: "" };
     },
     memberText() {
       const { members, leader } = this.mission;
       if (!members.length) return this.mission.ended ? `led by ${leader}` : `led by ${leader}; looking for robots`;
       return members.map(({ robot,
-        role }) => `${robot}${robot === leader ? " leads" : ""}${role ? ` (${role})` : ""}`).join(", ");
+        role }) => `${robot}${robot === leader ? " leads" : ""}${role && role !== "leader" ? ` (${role})` : ""}`).join(", ");
     },
   },
   mounted() {
@@ -104,8 +109,12 @@ export default {
       const mission = live.missions.get(this.selected) ?? null;
       const hasOtherResult = mission && mission.result !== this.mission?.result;
       this.mission = mission;
-      if (hasOtherResult) this.loadReport();
-      if (!this.selected && this.rows.length) this.select(this.rows[0].name);
+      if (hasOtherResult) {
+        this.loadReport();
+        this.findObject(mission);
+      }
+      const isOld = live.missionsKnown && !mission && this.selected === LINKED; // none, or one that is not kept any more
+      if (isOld && this.rows.length) this.select(this.rows[0].name);
     },
     rowOf(mission) {
       const isRunning = mission.result === "running";
@@ -115,12 +124,9 @@ export default {
         ? ` (${mission.phases.length} of ${Math.max(mission.phases_in_all, mission.phases.length)})` : "";
       const phase = isRunning && last ? `${last.name}${of}${last.waited_for ? `, waits for ${last.waited_for}` : ""}`
         : mission.reason || last?.name || "";
-      const begun = new Date(mission.begun * 1000);
-      const isToday = begun.toDateString() === new Date().toDateString();
-      const took = (mission.ended || this.now) - mission.begun;
       return {
-        name: mission.name, about: mission.about, leader: mission.leader, state, sign: SIGNS[state] ?? "", phase,
-        begunText: isToday ? begun.toLocaleTimeString() : begun.toLocaleString(), took: duration(took),
+        name: mission.name, title: missionTitle(mission), leader: mission.leader, state, sign: SIGNS[state] ?? "", phase,
+        took: durationText((mission.ended || this.now) - mission.begun),
       };
     },
     // What became of the missions that were to be aborted.
@@ -135,7 +141,9 @@ export default {
     select(name) {
       if (name === this.selected && this.mission) return;
       this.selected = name;
+      rememberView({}, { mission: name });
       this.mission = this.report = null;
+      this.standing = "";
       this.reportProblem = "";
       this.isReportShown = false;
       this.update();
@@ -167,15 +175,24 @@ export default {
         this.update();
       }
     },
-    started(name) {
-      this.select(name);
+    async again() {
+      const { name } = this.mission;
+      this.isOrdering = true;
+      delete this.notes[name];
+      try {
+        this.$refs.start.fill(await call("mission_icon", { name }));
+      } catch (error) {
+        this.notes[name] = error.message;
+      } finally {
+        this.isOrdering = false;
+      }
+    },
+    // Where the object of a mission is that did not bring it to its goal.
+    async findObject({ name, about, result }) {
+      if (!about || !["aborted", "failed"].includes(result)) return;
+      const place = await call("object_place", { name: about }).catch(() => null);
+      if (!place || name !== this.selected) return;
+      this.standing = `${about} stands at ${place.floor} (${place.x.toFixed(2)}, ${place.y.toFixed(2)}) now.`;
     },
   },
 };
-
-function duration(seconds) {
-  if (seconds < 100) return `${Math.max(seconds, 0).toFixed(0)} s`;
-  const minutes = Math.floor(seconds / 60);
-  return minutes < 100 ? `${minutes} min ${Math.floor(seconds % 60)} s`
-    : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
-}

@@ -2,11 +2,12 @@
 import { FloorCanvas } from "/static/floor_canvas.js";
 import { HappeningFeed } from "/static/happening_feed.js";
 import { call, live } from "/static/live.js";
-import { BEFORE_S, recordedPlan } from "/static/past.js";
+import { lookBack, recordedPlan } from "/static/past.js";
 import { displayText } from "/static/robot_display.js";
 import { Collisions, ageText, robotRows } from "/static/robot_rows.js";
 import { BodyDrag } from "/static/body_drag.js";
 import DriveNote from "/static/drive_note.js";
+import { monitorHands } from "/static/monitor_hands.js";
 import { MonitorScene } from "/static/monitor_scene.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
 import ChannelGraph from "/static/channel_graph.js";
@@ -19,20 +20,20 @@ import RobotTable from "/static/robot_table.js";
 import SimulationBar from "/static/simulation_bar.js";
 import TabList from "/static/tab_list.js";
 import TimeBar from "/static/time_bar.js";
+import ViewTools from "/static/view_tools.js";
 
-const PAN_PX = 60;
 const RIGHTS_MS = 5000;
 
 export default {
   components: {
     ChannelGraph, DriveNote, HappeningList, PastNote, ProcessList, RayLegend, RobotPanel, RobotTable, SimulationBar,
-    TabList, TimeBar,
+    TabList, TimeBar, ViewTools,
   },
   template: `
     <div class="console-split">
       <section class="monitor-main">
         <div class="monitor-bar">
-          <TabList label="Floors" :names="shownFloors" :chosen="current" :counts="past.isLive ? counts : undefined"
+          <TabList label="Floors" :names="shownFloors" :chosen="current" :counts="past.isLive && isKnown ? counts : undefined"
                    @choose="show" />
           <SimulationBar :rights="rights" />
         </div>
@@ -47,11 +48,7 @@ export default {
           <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <RayLegend v-if="past.isLive" :scans="seen" />
-          <div class="console-tools" role="toolbar" aria-label="View">
-            <q-btn v-for="tool in tools" :key="tool.name" dense flat :class="{ 'is-first': tool.isFirst }"
-                   :icon="tool.icon" :aria-label="tool.title" :aria-pressed="tool.isOn" :title="tool.title"
-                   :disable="tool.disable" @click="tool.press" />
-          </div>
+          <ViewTools :canvas="() => canvas" :tools="tools()" />
         </div>
         <TimeBar ref="time" :floor="current" :floors="[current]" :happenings="events" @show="showTime"
                  @look="lookBack" />
@@ -67,7 +64,7 @@ export default {
                       :process="processes[robot.name]" @forgotten="select('')" />
           <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
         </div>
-        <HappeningList v-if="side === 'Events'" :happenings="events" @look="lookBack" />
+        <HappeningList v-if="side === 'Events'" :happenings="events" :is-known="isKnown" @look="lookBack" />
         <ChannelGraph v-if="side === 'Channels'" />
         <ProcessList v-if="side === 'Processes'" :floors="floors" :channels="channels" :rights="rights" :picked="picked"
                      :is-picking="isPicking"
@@ -101,39 +98,6 @@ export default {
       if (this.isPicking) return "click a free place; Escape cancels";
       return this.isMoving ? "drag a robot or an object; Q and E turn it, Escape cancels" : "";
     },
-    tools() {
-      const toggle = (name, icon, title) => ({
-        name, icon, title, isOn: this.shown[name], isFirst: name === "scans",
-        press: () => {
-          this.shown[name] = !this.shown[name];
-          this.showLayers();
-        },
-      });
-      const view = (name, icon, title, press) => ({ name, icon, title, press });
-      return [
-        view("fit", "fit_screen", "Show the whole floor (0)", () => this.canvas.fit()),
-        view("enlarge", "add", "Enlarge (+)", () => this.canvas.zoom(1.4)),
-        view("reduce", "remove", "Reduce (-)", () => this.canvas.zoom(1 / 1.4)),
-        {
-          name: "follow", icon: "my_location", title: "Follow the selected robot (F)", isOn: this.isFollowing,
-          press: () => this.follow(),
-        },
-        toggle("scans", "sensors", "Lasers and proximity"),
-        toggle("ways", "route", "Planned ways and reserved areas"),
-        toggle("roads", "hub", "Nodes and edges"),
-        {
-          name: "drive", icon: "near_me", isFirst: true, isOn: this.places !== null, disable: !this.mayDrive,
-          title: this.robot ? "Drive the selected robot here (D, or a right click)" : "Select a robot to drive it",
-          press: () => this.startDrive(),
-        },
-        {
-          name: "move", icon: "open_with", isOn: this.isMoving, disable: !this.rights.administrator
-            || !this.past.isLive,
-          title: this.rights.administrator ? "Drag robots and objects" : "Dragging needs --administrator FILE",
-          press: () => { this.isMoving = !this.isMoving; },
-        },
-      ];
-    },
   },
   mounted() {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
@@ -142,16 +106,11 @@ export default {
     this.drag = new BodyDrag(this.scene);
     this.feed = new HappeningFeed((events) => { this.events = events; });
     this.unlisten = live.listen((kind, name) => this.news(kind, name));
-    this.recolor = () => this.canvas.redraw();
     this.onKey = (event) => this.key(event);
-    window.addEventListener("robocorba-colors", this.recolor);
     window.addEventListener("keydown", this.onKey);
     this.timer = setInterval(() => this.updateTable(), 1000);
     this.rightsTimer = setInterval(() => this.askRights(), RIGHTS_MS);
     this.askRights();
-    const wanted = new URLSearchParams(location.search);
-    const floor = wanted.get("floor"), robot = wanted.get("robot");
-    rememberView({ floor: floor || sharedView.floor, robot: robot || sharedView.robot });
     this.selected = sharedView.robot;
     this.news("connection");
     this.$refs.time.restore();
@@ -162,7 +121,6 @@ export default {
     live.want(this);
     clearInterval(this.timer);
     clearInterval(this.rightsTimer);
-    window.removeEventListener("robocorba-colors", this.recolor);
     window.removeEventListener("keydown", this.onKey);
     this.canvas.close();
   },
@@ -193,7 +151,6 @@ export default {
         this.floors = live.names;
         if (this.past.isLive && !this.floors.includes(this.current)) this.display(this.firstOf(this.floors));
         if (!this.floors.length) this.message = live.withoutFloors;
-        this.isKnown = live.isKnown;
       }
       if (kind === "floor" && name === this.current && this.past.isLive) {
         this.followBody();
@@ -221,10 +178,9 @@ export default {
       this.canvas.floor = floor && this.past.isLive ? live.floor(floor) : null;
       this.showPlan();
     },
-    // What is shown is kept for the other pages; an address that said something else is over.
+    // What is shown is kept for the other pages, and in the address.
     note() {
       rememberView({ floor: this.current || sharedView.floor, robot: this.selected });
-      if (location.search) history.replaceState(history.state, "", location.pathname);
     },
     showLayers() {
       const { current, selected, shown } = this;
@@ -268,13 +224,11 @@ export default {
       this.then = body ? { ...body, floor: this.current } : null;
     },
     lookBack(happening) {
-      if (this.floors.includes(happening.floor)) this.show(happening.floor);
-      if (happening.robot) this.selected = happening.robot;
-      this.$refs.time.recording = "";
-      this.$nextTick(() => this.$refs.time.seek(happening.at - BEFORE_S));
+      lookBack(this, happening);
     },
     updateTable() {
       const { state } = live;
+      this.isKnown = live.knowsRobots;
       if (!state) return;
       const wait = (performance.now() - live.stateAt) / 1000;
       const rows = robotRows(state, live.isConnected ? Math.min(wait, 1) : wait);
@@ -326,88 +280,6 @@ export default {
     setProcesses(rows) {
       this.processes = Object.fromEntries(rows.filter((row) => row.robot).map((row) => [row.robot, row]));
     },
-    select(name) {
-      this.selected = name;
-      const robot = this.robots.find((each) => each.name === name);
-      if (this.past.isLive && robot?.floor && robot.floor !== this.current
-        && this.floors.includes(robot.floor)) this.show(robot.floor);
-    },
-    // A row of the table was chosen: its robot comes to the middle of an enlarged floor.
-    choose(name) {
-      this.select(name);
-      const body = this.canvas.floor?.body(name);
-      if (body && !this.canvas.isFitted) this.canvas.centreOn(body.x, body.y);
-    },
-    follow() {
-      this.isFollowing = !this.isFollowing;
-      this.followBody();
-    },
-    followBody() {
-      if (!this.isFollowing || !this.selected) return;
-      const body = this.canvas.floor?.body(this.selected);
-      if (body) this.canvas.centreOn(body.x, body.y);
-    },
-    pick(isPicking) {
-      this.isPicking = isPicking;
-      if (!isPicking) this.picked = null;
-    },
-    // Begin to choose where the selected robot drives, or end it.
-    startDrive() {
-      this.isMoving = false;
-      this.places = this.places || !this.mayDrive ? null : [];
-    },
-    driveTo([x, y]) {
-      this.places = [...this.places ?? [], { floor: this.current, x, y }];
-    },
-    radiusOf(name) {
-      return this.canvas.floor?.body(name)?.radius;
-    },
-    pointer(kind, event, point) {
-      if (kind === "menu" && this.mayDrive) this.driveTo(point);
-      if (this.drag.isActive) return this.drag.pointer(kind, point);
-      if (kind !== "down") return false;
-      if (this.isPicking) {
-        this.picked = { floor: this.current, x: point[0], y: point[1] };
-        this.isPicking = false;
-        return true;
-      }
-      const body = this.canvas.bodyAt(point) ?? this.scene.lostAt(point);
-      if (this.places && (!body || body.kind === "object")) {
-        this.driveTo(point);
-        return true;
-      }
-      if (!body) return false;
-      if (body.kind !== "object") this.select(body.name);
-      const mayMove = this.isMoving && this.past.isLive && body.number !== undefined;
-      return mayMove && this.drag.begin(body, point, this.current);
-    },
-    key(event) {
-      const { target } = event;
-      if (event.ctrlKey || event.metaKey || event.altKey
-        || target.closest("input, select, textarea, [contenteditable]")) return;
-      const moves = { ArrowLeft: [PAN_PX, 0], ArrowRight: [-PAN_PX, 0], ArrowUp: [0, PAN_PX], ArrowDown: [0, -PAN_PX] };
-      if (event.key === "Escape") this.escape();
-      else if (this.drag.isActive && "qQ".includes(event.key)) this.drag.turn(1);
-      else if (this.drag.isActive && "eE".includes(event.key)) this.drag.turn(-1);
-      else if (moves[event.key] && [this.$refs.canvas, document.body].includes(target)) {
-        this.canvas.pan(...moves[event.key]);
-      }
-      else if (event.key === "+" || event.key === "=") this.canvas.zoom(1.4);
-      else if (event.key === "-") this.canvas.zoom(1 / 1.4);
-      else if (event.key === "0") this.canvas.fit();
-      else if (event.key === "f" || event.key === "F") this.follow();
-      else if (event.key === "d" || event.key === "D") this.startDrive();
-      else return;
-      event.preventDefault();
-    },
-    // Ends one thing: a drag, picking, the tool, following, the selection.
-    escape() {
-      if (this.drag.isActive) this.drag.cancel();
-      else if (this.isPicking) this.pick(false);
-      else if (this.places) this.places = null;
-      else if (this.isMoving) this.isMoving = false;
-      else if (this.isFollowing) this.isFollowing = false;
-      else this.selected = "";
-    },
+    ...monitorHands,
   },
 };

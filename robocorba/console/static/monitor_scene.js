@@ -1,8 +1,8 @@
 // What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being
 // moved.
-import { disc, line, polygon } from "/static/floor_canvas.js";
-import { areaRanges, hasAreas } from "/static/sensor_views.js";
-import { distanceTo } from "/static/segments.js";
+import { cross, disc, line, polygon, ring, trace } from "/static/canvas_shapes.js";
+import { areaRanges, hasAreas, rayEnds } from "/static/sensor_views.js";
+import { distanceTo, placed } from "/static/segments.js";
 import { shortened, wrapped } from "/static/texts.js";
 import { ageText } from "/static/robot_rows.js";
 
@@ -115,17 +115,10 @@ export class MonitorScene {
 
   // The area that a sensor sees, with an outline if it is an actual robot's own, and what its rays hit.
   drawScan(context, scan, hasArea) {
-    const { canvas } = this, { pose, mount, angles, ranges, hits, rim, sensor, virtual } = scan;
+    const { canvas } = this, { angles, ranges, hits, rim, sensor, virtual } = scan, at = rayEnds(scan);
     const isLaser = sensor === "laser";
     const color = isLaser ? canvas.colors.laser : canvas.colors.proximity;
-    const cos = Math.cos(pose.heading), sin = Math.sin(pose.heading);
-    const x = pose.x + mount.ahead * cos - mount.left * sin, y = pose.y + mount.ahead * sin + mount.left * cos;
-    const first = pose.heading + mount.heading + angles.first;
     const isRound = angles.step * ranges.length > 2 * Math.PI - 1.5 * angles.step;
-    const at = (k, range, more = 0) => {
-      const angle = first + k * angles.step + more;
-      return [x + range * Math.cos(angle), y + range * Math.sin(angle)];
-    };
     if (hasArea) {
       const last = ranges.length - 1;
       const ends = isRound ? [] : [at(0, rim), at(last, rim)];
@@ -137,7 +130,7 @@ export class MonitorScene {
       context.lineWidth = canvas.px(1.5);
       if (!virtual) context.stroke();
     }
-    const half = Math.max(Math.abs(angles.step) / 2, 0.004);
+    const half = Math.max(0.5, 0.004 / Math.abs(angles.step)); // of a step
     for (const [kind, kindColor, width] of [[1, color, isLaser ? 2 : 4], [2, canvas.colors.unmapped, 5]]) {
       context.strokeStyle = kindColor;
       context.globalAlpha = isLaser && kind === 1 ? 0.9 : 1;
@@ -145,8 +138,8 @@ export class MonitorScene {
       context.beginPath();
       ranges.forEach((range, k) => {
         if (hits[k] !== kind) return;
-        context.moveTo(...at(k, range, -half));
-        context.lineTo(...at(k, range, half));
+        context.moveTo(...at(k - half, range));
+        context.lineTo(...at(k + half, range));
       });
       context.stroke();
     }
@@ -171,15 +164,11 @@ export class MonitorScene {
     context.strokeStyle = color;
     context.lineWidth = canvas.px(width);
     context.setLineDash([canvas.px(8), canvas.px(5)]);
-    context.beginPath();
-    points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
+    trace(context, points);
     context.stroke();
     context.setLineDash([]);
-    const [x, y] = points[points.length - 1];
-    const size = canvas.px(6);
     context.lineWidth = canvas.px(2);
-    line(context, [x - size, y - size], [x + size, y + size]);
-    line(context, [x - size, y + size], [x + size, y - size]);
+    cross(context, points[points.length - 1], canvas.px(6), true);
   }
 
   drawReservation(context, { areas, phase }) {
@@ -216,9 +205,7 @@ export class MonitorScene {
     context.globalAlpha = 1;
     context.lineWidth = canvas.px(1.5);
     context.setLineDash([canvas.px(3), canvas.px(3)]);
-    context.beginPath();
-    context.arc(robot.at.x, robot.at.y, this.lostRadius, 0, 2 * Math.PI);
-    context.stroke();
+    ring(context, robot.at.x, robot.at.y, this.lostRadius);
     context.setLineDash([]);
   }
 
@@ -254,21 +241,16 @@ export class MonitorScene {
     context.lineWidth = canvas.px(2);
     context.setLineDash([canvas.px(5), canvas.px(4)]);
     line(context, [body.x, body.y], [x, y]);
-    context.save();
-    context.translate(x, y);
-    context.rotate(heading);
-    if (body.kind === "object") polygon(context, body.outline);
+    if (body.kind === "object") polygon(context, placed(body.outline, { at: [x, y], heading }));
     else {
       context.beginPath();
-      context.arc(0, 0, body.radius, 0, 2 * Math.PI);
-      context.moveTo(0, 0);
-      context.lineTo(body.radius, 0);
+      context.arc(x, y, body.radius, heading, heading + 2 * Math.PI);
+      context.lineTo(x, y);
     }
     context.globalAlpha = 0.3;
     context.fill();
     context.globalAlpha = 1;
     context.stroke();
-    context.restore();
     context.setLineDash([]);
   }
 

@@ -1,4 +1,5 @@
 // The header of all pages. The emergency stop acts at once, without a question.
+import { keep, kept } from "/static/browser_store.js";
 import darkMode from "/static/dark_mode.js";
 import { call, live } from "/static/live.js";
 import PageKeys from "/static/page_keys.js";
@@ -92,22 +93,11 @@ export default {
     },
     // A press of Enter on a link is a click without a position.
     noteFocus({ detail }) {
-      if (detail === 0) keepFocus("link");
+      if (detail === 0) keep(FOCUS_KEY, true);
     },
     takeFocus() {
-      if (keepFocus(null)) this.$refs.nav.querySelector("[aria-current]")?.focus();
+      if (kept(FOCUS_KEY)) this.$refs.nav.querySelector("[aria-current]")?.focus();
+      keep(FOCUS_KEY, null);
     },
   },
 };
-
-// What is kept for the next page of this tab; returns what was kept before.
-function keepFocus(what) {
-  try {
-    const before = sessionStorage.getItem(FOCUS_KEY);
-    if (what) sessionStorage.setItem(FOCUS_KEY, what);
-    else sessionStorage.removeItem(FOCUS_KEY);
-    return before;
-  } catch {
-    return null; // the browser keeps nothing
-  }
-}

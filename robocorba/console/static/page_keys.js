@@ -19,7 +19,7 @@ const KEYS = {
     ["Alt \u2191 \u2193", "move the icon"], ["Alt \u2192 \u2190", "into the icon before, out of it"],
     ["Del", "remove the icon"],
     ["Ctrl C X V D", "copy, cut, paste, duplicate"], ["Ctrl Z Y", "undo, redo"], ["Ctrl S", "save"],
-    [`${ARROWS} [ ]`, "on the target's map: move and turn the target"],
+    [`${ARROWS} Q E`, "on the target's map: move and turn the target"],
   ],
   Map: [
     ...VIEW, [ARROWS, "move what is selected or a tool's cursor (far with Shift), else the view"],
@@ -27,7 +27,10 @@ const KEYS = {
     ["Del", "remove what is selected"], ["Ctrl Z Y", "undo, redo"], ["Ctrl A D", "select all, duplicate"],
     ["Esc", "end drawing, the tool, the selection"],
   ],
-  Missions: [["Tab", "the next mission or field"], ["Enter", "on a mission: show it"]],
+  Missions: [
+    ["Tab", "the next mission or field"], ["Enter", "on a mission: show it"],
+    [`${ARROWS} Q E`, "on the map: move and turn the ghost"],
+  ],
 };
 const ALL = [["?", "this list"]];
 

@@ -5,6 +5,7 @@ import darkMode from "/static/dark_mode.js";
 import { plainWords } from "/static/icon_looks.js";
 import { PanelChoice } from "/static/panel_choice.js";
 import { DISPLAYS } from "/static/robot_display.js";
+import { durationText } from "/static/texts.js";
 
 const EVERY_MS = 400, LIMIT_MS = 4000, STOP_MS = 8000;
 // News that are older count as none [s]; how long a message stays [ms].
@@ -80,7 +81,7 @@ export default {
       return length > 120 ? "is-long" : length > 48 ? "is-middle" : "";
     },
     since() {
-      return this.isLost ? "" : durationText(this.shown.seconds + this.state.age);
+      return this.isLost ? "" : `for ${durationText(this.shown.seconds + this.state.age)}`;
     },
     isActive() {
       return ["RUNNING", "PAUSED"].includes(this.state.condition);
@@ -204,8 +205,3 @@ export default {
     },
   },
 };
-
-function durationText(seconds) {
-  if (seconds < 60) return `for ${Math.floor(seconds)} s`;
-  return seconds < 3600 ? `for ${Math.floor(seconds / 60)} min` : `for ${Math.floor(seconds / 3600)} h`;
-}

@@ -1,11 +1,19 @@
 // Floors and plans of the past: of the last half hour, or of an open recording.
-import { Floor, readFrame } from "/static/live.js";
+import { Floor, readFrame } from "/static/floor_state.js";
 
 const LIMIT_MS = 10000;
 const AGAIN_MS = 2000;
 const MOST_PLANS = 60;
 // One looks back so long before an event, and a moment is told with the event before it [s].
 export const BEFORE_S = 3;
+
+// Let a page with a time bar look back to just before an event, at its floor and robot.
+export function lookBack(page, { floor, robot, at }) {
+  if (page.floors.includes(floor) && !page.isStacked) page.show(floor);
+  if (robot) page.selected = robot;
+  page.$refs.time.recording = "";
+  page.$nextTick(() => page.$refs.time.seek(at - BEFORE_S));
+}
 
 export function clockText(at) {
   return new Date(at * 1000).toLocaleTimeString(undefined, { hourCycle: "h23" });

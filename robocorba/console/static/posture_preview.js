@@ -1,6 +1,6 @@
 // How the robot stands after an icon that names a posture of an arm or bends the body.
 import { ArmPoser } from "/static/arm_poser.js";
-import { call, live } from "/static/live.js";
+import { attempt, call, live } from "/static/live.js";
 
 const JOINTS = 18, ARM = 7, LUMBAR = 14;
 // Where the angles of an arm begin.
@@ -46,17 +46,11 @@ export const PosturePreview = {
     },
   },
   watch: {
-    robot() {
-      this.look();
-    },
+    robot: "look",
   },
-  async mounted() {
+  mounted() {
     this.look();
-    try {
-      this.postures = await call("arm_postures");
-    } catch (error) {
-      this.problem = error.message;
-    }
+    attempt(this, async () => { this.postures = await call("arm_postures"); });
   },
   methods: {
     look() {

@@ -1,5 +1,5 @@
 // The processes of the supervisor: their state and their logs, robots to start and to end.
-import { call } from "/static/live.js";
+import { attempt, call } from "/static/live.js";
 import { ageText } from "/static/robot_rows.js";
 import { sharedView } from "/static/shared_view.js";
 import SureButton from "/static/sure_button.js";
@@ -109,18 +109,12 @@ export default {
       this.$emit("pick", !this.isPicking);
     },
     async start() {
-      this.error = "";
-      this.isStarting = true;
       const { name, floor, channel, at } = this.order;
-      try {
+      await attempt(this, async () => {
         await call("start_robot", { name, floor, channel, ...(at ? { x: at[0], y: at[1] } : {}) });
         this.order.name = "";
         this.order.at = null;
-      } catch (error) {
-        this.error = error.message;
-      } finally {
-        this.isStarting = false;
-      }
+      }, { busy: "isStarting", problem: "error" });
     },
     async end(robot) {
       this.error = "";

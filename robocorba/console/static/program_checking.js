@@ -4,6 +4,7 @@ import { call } from "/static/live.js";
 import { plainWords } from "/static/icon_looks.js";
 import { missing } from "/static/icon_problems.js";
 import { live } from "/static/live.js";
+import { plainOf } from "/static/program_model.js";
 
 // Time from the last change to the check [ms].
 const CHECK_MS = 400;
@@ -18,7 +19,9 @@ export const checking = {
   findIncomplete() {
     this.incomplete = new Map();
     for (const { node } of this.model.walk()) {
-      const found = missing(this.schema, node);
+      const found = missing(this.schema, node), { object } = node.values, { objects = [] } = this.names;
+      const isLost = node.icon === "gripper" && object && objects.length && !objects.includes(object);
+      if (isLost) found.push({ kind: "invalid", parameter: "object", reason: "is not on the map" });
       if (found.length) this.incomplete.set(node.id, found);
     }
   },
@@ -52,9 +55,13 @@ export const checking = {
     }
     try {
       const program = JSON.stringify(this.model.plain(icons));
-      const { findings, python } = await call("check_program", { robot, program });
+      const missions = robot ? this.firstMissions(icons) : [];
+      const [{ findings, python }, ...parties] = await Promise.all([call("check_program", { robot, program }),
+        ...missions.map(({ node }) => call("mission_party", { leader: robot, icon: plainOf(node), with_busy: true }))]);
       if (revision !== this.revision || robot !== this.robot) return;
-      this.findings = findings.map((finding) => ({
+      const impossible = missions.map(({ path }, n) => ({ kind: "error", icon: path, parameter: "", ...parties[n] }));
+      const others = findings.filter(({ kind, icon }) => kind !== "note" || !missions.some(({ path }) => path === icon));
+      this.findings = [...others, ...impossible.filter(({ reason }) => reason)].map((finding) => ({
         ...finding, reason: plainWords(finding.reason), nodeId: this.model.at(finding.icon)?.id ?? null,
       }));
       this.python = this.incomplete.size ? "" : python;
@@ -66,6 +73,15 @@ export const checking = {
       this.checkProblem = `not checked: ${plainWords(error.message)}`;
     }
     this.isChecked = true;
+  },
+  // The cooperative icons, which robots leave unchecked, of each object the first one: later ones begin elsewhere.
+  firstMissions(icons) {
+    const found = new Map();
+    for (const { node, path } of this.model.walk(icons)) {
+      const { table, object, taker } = node.values, about = table ?? (taker && object);
+      if (about && !found.has(about)) found.set(about, { node, path });
+    }
+    return [...found.values()];
   },
   // Check again when the robot rests somewhere else than at the last check.
   checkWhereRobotIs() {

@@ -1,6 +1,7 @@
 // What the user does with the program on the program page: methods of the page's component. Each change of `model` is
 // followed by `changed()`.
 import { download } from "/static/download.js";
+import { firstValues } from "/static/icon_values.js";
 import { newNode, nodeOf, plainOf, readProgram } from "/static/program_model.js";
 
 const CLIPBOARD = "robocorba-icon";
@@ -9,7 +10,13 @@ export const editing = {
   // ---- icons ----
   // Add an icon where the user wants the next one: in the chosen list, in the selected icon, or after it.
   append(icon) {
-    this.insertNode(newNode(this.schema, icon));
+    this.insertNode(this.newIcon(icon));
+  },
+  // An icon that works at once, as far as its kind says how.
+  newIcon(icon) {
+    const node = newNode(this.schema, icon);
+    node.values = firstValues(icon, this.rows[this.robot]?.state?.at);
+    return node;
   },
   insertNode(node) {
     const selected = this.node;
@@ -121,7 +128,7 @@ export const editing = {
     this.dragged = this.target = null;
     if (!event || !dragged || !target) return;
     if (dragged.icon) {
-      const node = newNode(this.schema, dragged.icon);
+      const node = this.newIcon(dragged.icon);
       this.model.insert(node, target.parentId, target.name, target.index);
       this.select(node.id);
     } else if (!this.model.move(dragged.id, target.parentId, target.name, target.index)) {

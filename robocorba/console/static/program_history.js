@@ -1,5 +1,6 @@
 // The program of the program page with its undo history and selection, kept while the user goes from page to page; each
 // browser tab has its own.
+import { keep, kept } from "/static/browser_store.js";
 import { usedIds } from "/static/program_model.js";
 
 const KEY = "robocorba-program-history";
@@ -9,26 +10,21 @@ const MAX_LENGTH = 1_500_000;
 // Keep a ProgramModel and which icon is selected (null for none).
 export function keepHistory(model, schema, selectedId) {
   const now = model.state(), half = (MAX_LENGTH - now.length) / 2;
-  const kept = {
+  const history = {
     schema: names(schema), now, done: newest(model.done, half), undone: newest(model.undone, half), selectedId,
     ids: usedIds(),
   };
-  try {
-    if (now.length > MAX_LENGTH) sessionStorage.removeItem(KEY);
-    else sessionStorage.setItem(KEY, JSON.stringify(kept));
-  } catch {
-    // the browser keeps nothing: the page begins with the program without its history
-  }
+  keep(KEY, now.length > MAX_LENGTH ? null : history);
 }
 
 // Put what was kept into a model. Returns which icon was selected, null for none; undefined if nothing was kept.
 export function restoreHistory(model, schema) {
   try {
-    const kept = JSON.parse(sessionStorage.getItem(KEY));
-    if (kept?.schema !== names(schema)) return undefined; // nothing was kept, or with other icons
-    Object.assign(model, JSON.parse(kept.now), { done: kept.done, undone: kept.undone });
-    usedIds(kept.ids);
-    return model.find(kept.selectedId) ? kept.selectedId : null;
+    const history = kept(KEY);
+    if (history?.schema !== names(schema)) return undefined; // nothing was kept, or with other icons
+    Object.assign(model, JSON.parse(history.now), { done: history.done, undone: history.undone });
+    usedIds(history.ids);
+    return model.find(history.selectedId) ? history.selectedId : null;
   } catch {
     return undefined;
   }

@@ -2,6 +2,7 @@
 import { plainWords } from "/static/icon_looks.js";
 import { call, live } from "/static/live.js";
 import { LOST_S } from "/static/robot_rows.js";
+import { movables } from "/static/movable_objects.js";
 import { fourDigits } from "/static/program_model.js";
 import { shiftedPaths } from "/static/program_run.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
@@ -40,9 +41,9 @@ const methods = {
     else this.checkWhereRobotIs();
   },
   findNames(robots) {
-    const plans = live.names.map((floor) => live.plan(floor)).filter(Boolean);
-    const movable = plans.flatMap((plan) => plan.objects).filter((object) => object.movable);
-    this.names = { objects: [...new Set(movable.map((object) => object.name))].sort(), robots };
+    const before = this.names.objects?.join("\n"), objects = movables(live.names).map(({ name }) => name).sort();
+    this.names = { objects, robots };
+    if (this.schema && objects.join("\n") !== before) this.findIncomplete();
   },
   choose(robot) {
     this.robot = robot;

@@ -1,7 +1,7 @@
 // Rays of laser and proximity sensors in a 3D scene: a fan for each scan, with an outline if the sensor is an actual
 // robot's own, and points where rays hit something.
-import { COLORS } from "/static/floor_canvas.js";
-import { areaRanges, hasAreas } from "/static/sensor_views.js";
+import { COLORS } from "/static/floor_colors.js";
+import { areaRanges, hasAreas, rayEnds } from "/static/sensor_views.js";
 import { THREE } from "nicegui-scene";
 
 // Colours of fans and hits by the sensor's name; others have the third one. Those of the light page are seen on both.
@@ -58,13 +58,8 @@ export class RayFans {
     const kind = scan.sensor in KINDS ? scan.sensor : "other";
     const color = new THREE.Color(KINDS[kind]).toArray(), strange = new THREE.Color(unmapped).toArray();
     const z = scan.z + this.heights[kind];
-    const { pose, mount, angles, ranges, rim } = scan;
-    const [cos, sin] = [Math.cos(pose.heading), Math.sin(pose.heading)];
-    const x = pose.x + cos * mount.ahead - sin * mount.left, y = pose.y + sin * mount.ahead + cos * mount.left;
-    const end = (k, range) => {
-      const bearing = pose.heading + mount.heading + angles.first + k * angles.step;
-      return [x + range * Math.cos(bearing), y + range * Math.sin(bearing), z];
-    };
+    const { angles, ranges, rim } = scan, at = rayEnds(scan);
+    const end = (k, range) => [...at(k, range), z];
     // Rays far apart, such as those of eight proximity sensors, are narrow beams of their own.
     const isWide = Math.abs(angles.step) < 0.2;
     ranges.forEach((range, k) => {

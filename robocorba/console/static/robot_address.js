@@ -1,21 +1,15 @@
 // Host and port of a computer in a form; what was used last is remembered for each purpose.
-const STORED = "robocorba-addresses";
+import { keep, kept } from "/static/browser_store.js";
 
-function stored() {
-  try {
-    return JSON.parse(localStorage.getItem(STORED)) ?? {};
-  } catch {
-    return {};
-  }
-}
+const STORED = "robocorba-addresses";
 
 // What was used last for a purpose: {host, port}, texts.
 export function lastAddress(purpose) {
-  return { host: "", port: "", ...stored()[purpose] };
+  return { host: "", port: "", ...kept(STORED, "localStorage")?.[purpose] };
 }
 
 export function rememberAddress(purpose, { host, port }) {
-  localStorage.setItem(STORED, JSON.stringify({ ...stored(), [purpose]: { host, port } }));
+  keep(STORED, { ...kept(STORED, "localStorage"), [purpose]: { host, port } }, "localStorage");
 }
 
 export function isAddress({ host, port }) {

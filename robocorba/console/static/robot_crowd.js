@@ -117,12 +117,9 @@ export class RobotCrowd {
   }
 
   // The name of the robot whose touch panel is at a point of the canvas [px], if nothing of a robot is before it.
-  panelAt([x, y]) {
-    const { width, height } = this.view.box.getBoundingClientRect();
-    const ray = new THREE.Raycaster();
-    ray.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.view.camera);
+  panelAt(point) {
     const models = [...this.articulated];
-    const [first] = ray.intersectObjects(models.map(([, model]) => model.group));
+    const [first] = this.view.rayAt(point).intersectObjects(models.map(([, model]) => model.group));
     return first && models.find(([, model]) => model.panel === first.object)?.[0];
   }
 

@@ -1,5 +1,5 @@
 // What the server tells of one robot beside the live floors: its path, and on demand the floor in its data pool.
-import { Floor, readFrame } from "/static/live.js";
+import { Floor, readFrame } from "/static/floor_state.js";
 
 const RECONNECT_MS = 1000;
 // The server closes with this code what it will refuse again.

@@ -1,6 +1,7 @@
 // The selected robot: what it does, what its sensors see, how it is reached, and orders to it.
 import { plainWords, titleOf } from "/static/icon_looks.js";
-import { call } from "/static/live.js";
+import { attempt, call, live } from "/static/live.js";
+import { missionTitle } from "/static/mission_words.js";
 import { clockText } from "/static/past.js";
 import { displayText, panelAddress } from "/static/robot_display.js";
 import { ageText, degrees } from "/static/robot_rows.js";
@@ -77,7 +78,7 @@ export default {
       return [...this.robot.name].slice(0, 16).join("");
     },
     administratorHint() {
-      return "start the console with --administrator FILE for this";
+      return "this needs a console with the rights of an administrator";
     },
   },
   methods: {
@@ -100,15 +101,8 @@ export default {
     async forget() {
       if (await this.order("forget_robot")) this.$emit("forgotten");
     },
-    async run(operation, argument) {
-      this.error = "";
-      try {
-        await call(operation, argument);
-        return true;
-      } catch (error) {
-        this.error = error.message;
-        return false;
-      }
+    run(operation, argument) {
+      return attempt(this, () => call(operation, argument), { problem: "error" });
     },
   },
 };
@@ -133,9 +127,8 @@ function stateFacts({ at, agent, client, condition, display, problem, age, missi
   // The adaptor of a stopped robot is not read; it stands.
   if (moving && condition === "stopped") rows.push(["speed", speedText(0, 0, agent.speedCap)]);
   else if (moving) rows.push(["speed", speedText(Math.hypot(moving.ahead, moving.left), moving.turn, agent.speedCap)]);
-  if (mission) rows.push(["mission", mission]);
-  if (client?.since) rows.push(["logged on", new Date(client.since * 1000).toLocaleTimeString(undefined,
-    { hourCycle: "h23" })]);
+  if (live.missions.has(mission)) rows.push(["mission", missionTitle(live.missions.get(mission))]);
+  if (client?.since) rows.push(["logged on", clockText(client.since)]);
   return rows;
 }
 

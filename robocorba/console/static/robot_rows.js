@@ -1,6 +1,6 @@
 // Rows of the monitor's table from what the servers report. Robots that were seen once stay, with the age of their
 // news.
-import { distanceTo } from "/static/segments.js";
+import { distanceTo, placed } from "/static/segments.js";
 
 // A robot without news for this time is shown as lost [s].
 export const LOST_S = 3;
@@ -103,8 +103,7 @@ const middle = ({ x, y }) => [x, y];
 function touches(robot, body) {
   const reach = robot.radius + TOUCH_M;
   if (body.kind !== "object") return Math.hypot(robot.x - body.x, robot.y - body.y) < reach + body.radius;
-  const cos = Math.cos(body.heading), sin = Math.sin(body.heading);
-  const corners = body.outline.map(([x, y]) => [body.x + x * cos - y * sin, body.y + x * sin + y * cos]);
+  const corners = placed(body.outline, { at: middle(body), heading: body.heading });
   const next = (index) => corners[(index + 1) % corners.length];
   return corners.some((corner, index) => distanceTo(middle(robot), corner, next(index)) < reach);
 }

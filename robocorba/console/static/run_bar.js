@@ -1,4 +1,5 @@
 // The robot that runs the program, its state, and the orders to it.
+import { live } from "/static/live.js";
 import { rememberView } from "/static/shared_view.js";
 
 export const RunBar = {
@@ -56,7 +57,7 @@ export const RunBar = {
       return this.isActive ? `${this.robot.name} runs "${this.robot.runs}", started elsewhere` : "";
     },
     problem() {
-      if (!this.robots.length) return "no robots; start one with: robocorba robot NAME";
+      if (!this.robots.length) return live.knowsRobots ? "no robots; start one on the page Monitor, in Processes" : "connecting";
       if (this.robot.problem) return this.robot.problem;
       return this.robot.condition === "stopped" ? `${this.robot.name} ${this.robot.shown}` : "";
     },

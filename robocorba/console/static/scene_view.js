@@ -70,6 +70,7 @@ export class SceneView {
 
   lost(event) {
     event.preventDefault();
+    if (this.isClosed) return;
     this.isLost = true;
     this.notify("the graphics were reset; waiting for them");
     this.restoring = setTimeout(() => {
@@ -199,6 +200,14 @@ export class SceneView {
     return (2 * Math.tan((this.camera.fov * Math.PI) / 360)) / Math.max(1, this.box.clientHeight);
   }
 
+  // A ray from the camera through a point of the canvas [px].
+  rayAt([x, y]) {
+    const { width, height } = this.box.getBoundingClientRect();
+    const ray = new THREE.Raycaster();
+    ray.setFromCamera(new THREE.Vector2((2 * x) / width - 1, 1 - (2 * y) / height), this.camera);
+    return ray;
+  }
+
   // A point of the world on the canvas [px], or null behind the camera.
   onCanvas(point) {
     const seen = point.clone().project(this.camera);
@@ -215,6 +224,7 @@ export class SceneView {
     window.removeEventListener("robocorba-colors", this.recolor);
     this.orbit.dispose();
     this.renderer.dispose();
+    this.renderer.forceContextLoss(); // browsers allow few contexts
   }
 }
 

@@ -1,5 +1,6 @@
 // What sensors see beside the picture: the legend of rays, and the eight distances around a robot's base.
-import { COLORS } from "/static/floor_canvas.js";
+import { colorsNow } from "/static/floor_colors.js";
+import { placed } from "/static/segments.js";
 
 // Robots whose areas are drawn where none is selected.
 const MOST_AREAS = 4;
@@ -17,7 +18,7 @@ export const RayLegend = {
     </ul>`,
   computed: {
     rows() {
-      const colors = COLORS[document.body.classList.contains("body--dark") ? "dark" : "light"];
+      const colors = colorsNow();
       const { scans } = this, rows = [];
       for (const [sensor, text] of Object.entries(KINDS)) {
         if (scans.some((scan) => scan.sensor === sensor)) {
@@ -74,6 +75,15 @@ export function hasAreas(scans, selected) {
 export function areaRanges({ ranges, hits }) {
   return ranges.map((range, k) => (!hits[k] && hits[k - 1] && hits[k + 1] ? Math.min(ranges[k - 1], ranges[k + 1])
     : range));
+}
+
+// Where the rays of a scan end: a function of the number of a ray, also between two, and a length [m], that gives [x, y].
+export function rayEnds({ pose, mount, angles }) {
+  const [[x, y]] = placed([[mount.ahead, mount.left]], { at: [pose.x, pose.y], heading: pose.heading });
+  return (k, range) => {
+    const bearing = pose.heading + mount.heading + angles.first + k * angles.step;
+    return [x + range * Math.cos(bearing), y + range * Math.sin(bearing)];
+  };
 }
 
 // In words, what a sensor sees.

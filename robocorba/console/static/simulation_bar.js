@@ -25,7 +25,7 @@ export default {
       return Boolean(this.rights.administrator && this.state && !this.isLost);
     },
     why() {
-      if (!this.rights.administrator) return "pausing needs a console that was started with --administrator FILE";
+      if (!this.rights.administrator) return "pausing needs a console with the rights of an administrator";
       return this.mayAct ? "simulated time, for everybody" : "the simulation server does not answer";
     },
     paces() {

@@ -17,6 +17,7 @@ import { pastMethods } from "/static/simulator3d_past.js";
 import { poseMethods } from "/static/simulator3d_pose.js";
 import { sceneMethods } from "/static/simulator3d_scene.js";
 import TimeBar from "/static/time_bar.js";
+import ViewTools from "/static/view_tools.js";
 
 const CUT_M = 1.1;
 // In the stack heights are drawn larger by this factor.
@@ -24,7 +25,7 @@ const STACK_SPREAD = 2.5;
 const STACKED = "\u0000stack";
 
 export default {
-  components: { HandSteps, PastNote, RayLegend, TimeBar },
+  components: { HandSteps, PastNote, RayLegend, TimeBar, ViewTools },
   template: `
     <div class="scene-page">
       <div class="console-tabs">
@@ -49,23 +50,7 @@ export default {
                   more="rest postures, since postures are not recorded"
                   @live="$refs.time.goLive()" />
         <div v-if="message" class="console-overlay"><span>{{ message }}</span></div>
-        <div class="console-tools">
-          <q-btn dense flat icon="fit_screen" aria-label="Show everything" title="show everything (0)"
-                 @click="lookAtAll" />
-          <q-btn dense flat icon="add" aria-label="Enlarge" @click="view.turn(0, 0, 0.8)" />
-          <q-btn dense flat icon="remove" aria-label="Reduce" @click="view.turn(0, 0, 1.25)" />
-          <q-btn dense flat icon="my_location" :disable="!selected"
-                 :aria-pressed="isFollowing" aria-label="Follow the robot" title="follow the robot"
-                 @click="isFollowing = !isFollowing" />
-          <q-btn dense flat icon="sensors" :aria-pressed="hasRays"
-                 aria-label="Rays of the sensors" title="rays of the sensors" @click="hasRays = !hasRays" />
-          <q-btn dense flat icon="label" :aria-pressed="hasNames"
-                 aria-label="Names" title="names" @click="hasNames = !hasNames" />
-          <q-btn dense flat icon="back_hand"
-                 :disable="!selected || !past.isLive" :aria-pressed="isPosing" aria-label="Pose a hand" title="pose a hand" @click="isPosing = !isPosing" />
-          <q-btn dense flat icon="download" aria-label="The robot as URDF" title="the robot as URDF"
-                 type="a" href="/robot.urdf" />
-        </div>
+        <ViewTools :canvas="() => ({ fit: lookAtAll, zoom })" :tools="tools()" />
         <RayLegend v-if="!selected" :scans="scans" />
         <section v-if="selected" class="scene-facts" aria-label="Selected robot">
           <h2 class="console-heading"><bdi>{{ selected }}</bdi> <a :href="panelAddress(selected)">panel</a></h2>
@@ -236,15 +221,13 @@ export default {
       const high = [of(Math.max, 2), of(Math.max, 3), Math.max(...heights) + this.cut];
       this.view.fit([low, high], this.isStacked ? [-0.5, -0.9, 0.75] : undefined);
     },
-    // What is shown is in the address, so that a reload or a copied link shows the same.
     note() {
-      const shown = this.isPool ? { pool: this.source } : { floor: this.isStacked ? "all" : this.current };
-      if (this.selected && !this.isPool) shown.robot = this.selected;
-      history.replaceState(history.state, "", `?${new URLSearchParams(shown)}`);
+      const shown = this.isPool ? { pool: this.source, floor: "", robot: "" }
+        : { pool: "", floor: this.isStacked ? "all" : this.current, robot: this.selected };
       // Until the wanted robot and floor are known, they are still those to keep.
       const robot = this.selected || this.wanted?.robot || "";
       const isFloor = this.floors.includes(this.current);
-      rememberView({ robot, floor: isFloor ? this.current : sharedView.floor });
+      rememberView({ robot, floor: isFloor ? this.current : sharedView.floor }, shown);
     },
     ...sceneMethods,
     ...cameraMethods,

@@ -8,6 +8,21 @@ import { panelAddress } from "/static/robot_display.js";
 const CLICK_PX = 5;
 
 export const cameraMethods = {
+  // The tools beside the scene, but for those of each view.
+  tools() {
+    const toggle = (name, icon, title, disable) => ({
+      icon, title, disable, isOn: this[name], press: () => { this[name] = !this[name]; },
+    });
+    return [
+      toggle("isFollowing", "my_location", "Follow the robot", !this.selected),
+      toggle("hasRays", "sensors", "Rays of the sensors"), toggle("hasNames", "label", "Names"),
+      toggle("isPosing", "back_hand", "Pose a hand", !this.selected || !this.past.isLive),
+      { icon: "download", title: "The robot as URDF", press: () => window.location.assign("/robot.urdf") },
+    ];
+  },
+  zoom(factor) {
+    this.view.turn(0, 0, 1 / factor);
+  },
   second() {
     this.say();
     this.updateFacts();

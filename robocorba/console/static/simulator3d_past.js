@@ -1,6 +1,6 @@
 // Methods of the 3D page: the past instead of the present. Places are recorded, postures, rays and paths are not.
 import { live } from "/static/live.js";
-import { BEFORE_S, clockText, recordedPlan } from "/static/past.js";
+import { clockText, lookBack, recordedPlan } from "/static/past.js";
 import { degrees } from "/static/robot_rows.js";
 
 export const pastMethods = {
@@ -29,10 +29,7 @@ export const pastMethods = {
     this.updateRays();
   },
   lookBack(happening) {
-    if (this.floors.includes(happening.floor) && !this.isStacked) this.show(happening.floor);
-    if (happening.robot) this.selected = happening.robot;
-    this.$refs.time.recording = "";
-    this.$nextTick(() => this.$refs.time.seek(happening.at - BEFORE_S));
+    lookBack(this, happening);
   },
   factsThen(robot) {
     const { at } = this.past;

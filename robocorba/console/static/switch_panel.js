@@ -1,5 +1,5 @@
 // Connects another robot to the agent, actual or virtual, after a confirmation that names robot and adaptor.
-import { call } from "/static/live.js";
+import { attempt, call } from "/static/live.js";
 import { AddressFields, isAddress, lastAddress, rememberAddress } from "/static/robot_address.js";
 import { shortened } from "/static/texts.js";
 
@@ -85,17 +85,11 @@ export const SwitchPanel = {
     shortened,
     async connect(isRun) {
       const { robot, adaptor } = this;
-      this.isSwitching = true;
-      this.problem = "";
-      try {
+      await attempt(this, async () => {
         await call("switch_adaptor", { robot, adaptor, arguments: this.arguments });
         if (this.listener) rememberAddress(adaptor, this.address);
         this.$emit("switched", { robot, adaptor, isRun });
-      } catch (error) {
-        this.problem = error.message;
-      } finally {
-        this.isSwitching = false;
-      }
+      }, { busy: "isSwitching" });
     },
   },
 };

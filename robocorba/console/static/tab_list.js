@@ -4,10 +4,11 @@ export default {
   emits: ["choose"],
   template: `
     <div class="console-tabs" role="tablist" :aria-label="label" @keydown="key">
-      <button v-for="name in names" :key="name" role="tab" :aria-selected="name === chosen" :title="name"
+      <button v-for="name in names" :key="name" type="button" role="tab" :aria-selected="name === chosen" :title="name"
               :tabindex="name === chosen ? 0 : -1" @click="$emit('choose', name)">
         <bdi>{{ name }}</bdi> <small v-if="counts" :title="(counts[name] ?? 0) + ' robots'">{{ counts[name] ?? 0 }}</small>
       </button>
+      <slot />
     </div>`,
   methods: {
     key(event) {

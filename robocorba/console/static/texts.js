@@ -1,4 +1,4 @@
-// Texts that users gave, for places with little room.
+// Texts that users gave, for places with little room; and times in words.
 
 // The first characters of a text, with an ellipsis if there are more than `length`.
 export function shortened(text, length) {
@@ -15,4 +15,19 @@ export function wrapped(context, text, width) {
     else lines[lines.length - 1] = longer;
   }
   return lines.map((each) => shortened(each, 60));
+}
+
+// Hours and minutes of a time [s since 1970]; of another day with the day.
+export function whenText(at, now = new Date()) {
+  const date = new Date(at * 1000);
+  const clock = date.toLocaleTimeString(undefined, { hour: "2-digit", minute: "2-digit", hourCycle: "h23" });
+  if (date.toDateString() === now.toDateString()) return clock;
+  return `${date.toLocaleDateString(undefined, { day: "numeric", month: "short" })} ${clock}`;
+}
+
+export function durationText(seconds) {
+  if (seconds < 100) return `${Math.max(seconds, 0).toFixed(0)} s`;
+  const minutes = Math.floor(seconds / 60);
+  return minutes < 100 ? `${minutes} min ${Math.floor(seconds % 60)} s`
+    : `${Math.floor(minutes / 60)} h ${minutes % 60} min`;
 }

@@ -1,7 +1,8 @@
 // Looks back: pause, a timeline of the last half hour or of a recording, playing it, and films of a span.
-import { call, live } from "/static/live.js";
+import { attempt, call, live } from "/static/live.js";
 import { clockText, failure, pastFloors } from "/static/past.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
+import { durationText } from "/static/texts.js";
 
 // Interval between pictures while the past is played [ms].
 const PLAY_MS = 100;
@@ -88,8 +89,8 @@ export default {
     },
     text() {
       if (this.isLive) return this.to > 1 ? `${this.clock(this.to)} now` : "";
-      return this.recording ? `${this.clock(this.at)}, ${span(this.at - this.from)}`
-        : `${this.clock(this.at)}, ${span(this.now - this.at)} ago`;
+      return this.recording ? `${this.clock(this.at)}, ${durationText(this.at - this.from)}`
+        : `${this.clock(this.at)}, ${durationText(this.now - this.at)} ago`;
     },
     marks() {
       if (this.recording || this.to <= this.from) return [];
@@ -218,19 +219,14 @@ export default {
       const [file] = event.target.files;
       event.target.value = "";
       if (!file) return;
-      this.isOpening = true;
-      this.error = "";
-      try {
-        const answer = await fetch(`/recording?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file });
+      await attempt(this, async () => {
+        const answer = await fetch(`/recording?name=${encodeURIComponent(file.name)}`, { method: "POST", body: file })
+          .catch((error) => { throw new Error(failure(error)); });
         const content = await answer.json();
         if (content.error) throw new Error(content.error);
         this.recordings = await call("recordings");
         this.recording = content.answer.key;
-      } catch (error) {
-        this.error = failure(error);
-      } finally {
-        this.isOpening = false;
-      }
+      }, { busy: "isOpening", problem: "error" });
     },
     async makeFilm() {
       this.error = "";
@@ -263,8 +259,3 @@ export default {
     },
   },
 };
-
-function span(seconds) {
-  const whole = Math.max(0, Math.round(seconds));
-  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)} min ${String(whole % 60).padStart(2, "0")} s`;
-}

@@ -2,7 +2,7 @@
 import { plainWords } from "/static/icon_looks.js";
 import { call } from "/static/live.js";
 import { AddressFields, isAddress, lastAddress, rememberAddress } from "/static/robot_address.js";
-import { shortened } from "/static/texts.js";
+import { shortened, whenText } from "/static/texts.js";
 
 const PURPOSE = "upload", WHAT = "the robot's computer", SHOWN = 5;
 
@@ -38,7 +38,7 @@ export const UploadPanel = {
   methods: {
     shortened,
     lineOf({ number, ended, program }) {
-      const when = new Date(1000 * ended).toLocaleString(), where = program.icon ? ` at ${program.icon}` : "";
+      const when = whenText(ended), where = program.icon ? ` at ${program.icon}` : "";
       const why = program.reason ? `: ${plainWords(program.reason)}` : "";
       const count = program.icons_done === 1 ? "1 icon" : `${program.icons_done} icons`;
       return `${number}  ${when}  ${program.name}: ${program.result}${where}, ${count} done${why}`;
