@@ -176,11 +176,7 @@ class Chaos:
         return [pair.replace(victim, "") for pair in LINKS if victim in pair]
 
     def _lost_in(
-        self,
-        victim: str,
-        before: dict[str, int],
-        received: dict[str, list[Any]],
-        lost: list[tuple[str, str, int]],
+        self, victim: str, before: dict[str, int], received: dict[str, list[Any]], lost: list[tuple[str, str, int]]
     ) -> int:
         """The number of copies that the killed process had accepted and not passed on.
 

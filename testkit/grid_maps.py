@@ -65,10 +65,7 @@ def _connected_pairs(count: int, extra: float, rng: np.random.Generator) -> list
     """Neighbours of a count x count lattice that are connected: a random spanning tree and a share of the others."""
     at = np.arange(count * count).reshape(count, count)
     pairs = np.concatenate(
-        [
-            np.column_stack([at[:, :-1].ravel(), at[:, 1:].ravel()]),
-            np.column_stack([at[:-1].ravel(), at[1:].ravel()]),
-        ]
+        [np.column_stack([at[:, :-1].ravel(), at[:, 1:].ravel()]), np.column_stack([at[:-1].ravel(), at[1:].ravel()])]
     )
     weights = rng.random(len(pairs)) + 0.1  # csgraph reads a weight of 0 as no edge
     graph = sparse.coo_matrix((weights, (pairs[:, 0], pairs[:, 1])), shape=(count**2, count**2))
@@ -217,14 +214,7 @@ def _borders(cells: Cells, cell_m: float) -> list[tuple[float, float, float]]:
     steps = np.diff(differs, axis=1)
     column, first = np.nonzero(steps == 1)
     last = np.nonzero(steps == -1)[1]
-    return list(
-        zip(
-            ((column + 1) * cell_m).tolist(),
-            (first * cell_m).tolist(),
-            (last * cell_m).tolist(),
-            strict=True,
-        )
-    )
+    return list(zip(((column + 1) * cell_m).tolist(), (first * cell_m).tolist(), (last * cell_m).tolist(), strict=True))
 
 
 def place_of(cell: Cell, cell_m: float) -> Place:

@@ -92,10 +92,7 @@ def make(folder: Path, distribution: str) -> bool:
             file.write_text(text)
         configure = (
             *("cmake", "-S", source, "-B", f"{source}/build", f"-DCMAKE_PREFIX_PATH={folder}"),
-            *(
-                f"-DCMAKE_INSTALL_PREFIX={folder}",
-                f"-DPython3_EXECUTABLE={python}",
-            ),
+            *(f"-DCMAKE_INSTALL_PREFIX={folder}", f"-DPython3_EXECUTABLE={python}"),
         )
         for command in (configure, ("cmake", "--build", f"{source}/build", "--target", "install")):
             ran = subprocess.run(command, capture_output=True, text=True)

@@ -111,10 +111,7 @@ def messages(file: Path) -> int:
 
 
 def measure(seconds: float = 60.0, recorded: float = 0.0, robots: int = 50) -> bool:
-    with (
-        folder_of_bench() as folder,
-        crowded_system(folder, robots) as (naming, clock, _),
-    ):
+    with folder_of_bench() as folder, crowded_system(folder, robots) as (naming, clock, _):
         time.sleep(SETTLE_S)
         since = len(clock.samples) - 1
         time.sleep(seconds / 2)

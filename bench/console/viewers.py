@@ -111,10 +111,7 @@ def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
     browser = chromium()
     if browser is None:
         PROGRESS.print("Chromium is missing: only viewers without a browser are measured")
-    with (
-        folder_of_bench() as folder,
-        crowded_console(folder, robots) as (address, pid, clock),
-    ):
+    with folder_of_bench() as folder, crowded_console(folder, robots) as (address, pid, clock):
         time.sleep(SETTLE_S)
         rows: list[dict[str, Any]] = [
             {"viewers": "none", "updates/s": None, "p95 ms": None, **measured(clock, pid, seconds)}

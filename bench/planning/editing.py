@@ -57,12 +57,7 @@ Accepted = tuple[int, Elements, float]
 def main(rounds: int = 3, edits: int = 1000) -> bool:
     rows: list[dict[str, Any]] = []
     lost, samples = list[str](), dict[str, list[float]]()
-    with (
-        folder_of_bench() as folder,
-        servers(folder) as naming,
-        Orb(naming) as orb,
-        contextlib.ExitStack() as stack,
-    ):
+    with folder_of_bench() as folder, servers(folder) as naming, Orb(naming) as orb, contextlib.ExitStack() as stack:
         editor = orb.resolve("MapEditor", RoboCorba.MapEditor)
         editor.create(TALLY_FLOOR, maps.element(TALLY))
         trips = _reachable(orb.resolve("PathPlanner", RoboCorba.PathPlanner))

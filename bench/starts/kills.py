@@ -133,11 +133,7 @@ def main(rounds: int = 20, hangs: int = 1, only: str = "") -> bool:
     faults = [(server, False) for _ in range(rounds) for server in chosen]
     faults += [(server, True) for _ in range(hangs) for server in chosen]
     limit = ("--hang-limit", f"{HangLimit().limit_s:g}")
-    with (
-        folder_of_bench() as folder,
-        running_system(folder, *limit) as (running, _),
-        ObjectProcess(caller) as calls,
-    ):
+    with folder_of_bench() as folder, running_system(folder, *limit) as (running, _), ObjectProcess(caller) as calls:
         for server, is_stopped in progress(faults, "kill -9 and SIGSTOP"):
             time.sleep(random.uniform(0.0, MAX_PAUSE_S))
             fault = "SIGSTOP" if is_stopped else "kill -9"

@@ -95,9 +95,5 @@ def of_units(system: FuzzedSystem) -> Iterator[Target]:
         "slowNetwork": [example(0.01)],
     }
     yield Target(
-        RoboCorba.SmartPalFaults,
-        always(system.stand_in.faults),
-        faults,
-        partial(no_faults, system),
-        also=lost,
+        RoboCorba.SmartPalFaults, always(system.stand_in.faults), faults, partial(no_faults, system), also=lost
     )

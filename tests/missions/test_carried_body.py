@@ -120,10 +120,7 @@ def test_groups_that_are_enough_can_carry_and_hold_the_object(outline: Polygon, 
         assert not any(set(other) < set(group) for other in groups)
 
 
-@pytest.mark.parametrize(
-    ("mass_kg", "enough"),
-    [(3.0, [(0,), (1,), (2,)]), (7.0, [(0, 1)]), (9.0, [])],
-)
+@pytest.mark.parametrize(("mass_kg", "enough"), [(3.0, [(0,), (1,), (2,)]), (7.0, [(0, 1)]), (9.0, [])])
 def test_how_many_carriers_are_enough(mass_kg: float, enough: list[tuple[int, ...]]) -> None:
     """One at each end of a box, and one beside it whose line to either end passes far from the centroid."""
     grips = GripPoint(-0.5, 0.0, 0.0), GripPoint(0.5, 0.0, math.pi), GripPoint(0.0, 0.5, -math.pi / 2)

@@ -8,12 +8,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
-from robocorba.missions.carry_progress import (
-    CATCH_UP_RATE,
-    STANDS_AFTER_S,
-    CarryProgress,
-    LeaderRhythm,
-)
+from robocorba.missions.carry_progress import CATCH_UP_RATE, STANDS_AFTER_S, CarryProgress, LeaderRhythm
 
 CYCLE_S, ORDER_S, LEAD_S, BEGAN = 0.02, 0.1, 0.15, 1000.0
 #: Carriers; the first one receives every order at once, and knows the leader's clock exactly.

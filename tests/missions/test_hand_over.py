@@ -78,8 +78,7 @@ def test_they_meet_clear_of_moved_objects() -> None:
 
 
 @pytest.mark.parametrize(
-    ("icon", "required"),
-    [(icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})],
+    ("icon", "required"), [(icons.HandOver("sheet", "B"), {"B"}), (icons.HandOver("sheet", "B", "C"), {"B", "C"})]
 )
 def test_the_leader_need_not_take_part(world: MapWorld, icon: icons.HandOver, required: set[str]) -> None:
     planner = PLANNERS[type(icon)](icon, world, "A", ROBOTS["A"])

@@ -43,5 +43,5 @@ def test_the_program_of_the_manual_is_valid(capsys: pytest.CaptureFixture[str]) 
     exec(compile(PROGRAM, "docs/mission.md", "exec"), {})
     program = loads(capsys.readouterr().out)
     assert [type(icon) for icon in program.icons if isinstance(icon, icons.MoveTable | icons.HandOver)] == [
-        *(icons.MoveTable, icons.HandOver),
+        *(icons.MoveTable, icons.HandOver)
     ]

@@ -86,11 +86,7 @@ def near(name: str, dx: float, limit_s: float = 30.0) -> Approach:
 
 
 def leading(
-    crew: Crew,
-    *planners: Given,
-    name: str = "A",
-    policy: LeaderPolicy = LEADING,
-    led: type[LedMission] = LedMission,
+    crew: Crew, *planners: Given, name: str = "A", policy: LeaderPolicy = LEADING, led: type[LedMission] = LedMission
 ) -> tuple[threading.Thread, list[MissionReport]]:
     """A mission in a thread of its own. planners: of its attempts, in turn."""
     reports: list[MissionReport] = []

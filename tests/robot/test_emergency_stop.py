@@ -343,7 +343,7 @@ class World:
         )
         self.body_moves = False
         self.stops = EmergencyStops(
-            *(self.folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: True, self._stop_target),
+            *(self.folder / "stops.json", lambda: list(self.agent.sessions.values()), lambda: True, self._stop_target)
         )
         if is_damaged:
             self.note_end_at_server()

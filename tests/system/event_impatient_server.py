@@ -10,7 +10,7 @@ BACKOFF = Backoff(0.05, 0.2)
 POLICY = ProxyPolicy(
     delivery=DeliveryPolicy(
         call_timeout_s=1.0, probe_timeout_s=0.3, backoff=BACKOFF, max_failures=6, poll_timeout_s=0.3
-    ),
+    )
 )
 
 if __name__ == "__main__":

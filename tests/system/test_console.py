@@ -57,10 +57,7 @@ def wait_for(supervisor: RemoteSupervisor, name: str, phase: ProcessPhase) -> Pr
 
 
 def test_the_console_is_a_process_of_the_system(tmp_path: Path) -> None:
-    with (
-        running_system(tmp_path, "--console", "--console-port", "0") as (system, launch),
-        Orb(system.naming) as orb,
-    ):
+    with running_system(tmp_path, "--console", "--console-port", "0") as (system, launch), Orb(system.naming) as orb:
         supervisor = RemoteSupervisor(orb, system.state / SUPERVISOR)
         check_console(system, supervisor)
         check_refusals(supervisor)

@@ -18,10 +18,7 @@ from tests.waits import stays
 
 pytestmark = pytest.mark.system
 
-SHAPES = {
-    "mesh": ("AB", "AC", "AD", "BC", "BD", "CD"),
-    "ring": ("AB", "BC", "CD", "AD"),
-}
+SHAPES = {"mesh": ("AB", "AC", "AD", "BC", "BD", "CD"), "ring": ("AB", "BC", "CD", "AD")}
 
 
 @pytest.fixture(scope="module")

@@ -20,15 +20,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.events.corba.event_client import EventClient
 from robocorba.stubs import RoboCorba
 from testkit.processes import ROBOCORBA, eventually, refusal
-from tests.system.event_place import (
-    Place,
-    PullConsumer,
-    PullSupplier,
-    PushConsumer,
-    in_background,
-    open_place,
-    text,
-)
+from tests.system.event_place import Place, PullConsumer, PullSupplier, PushConsumer, in_background, open_place, text
 from tests.waits import head_start
 
 pytestmark = [pytest.mark.system, pytest.mark.full]

@@ -139,7 +139,7 @@ def test_a_page_sees_the_sensors_of_all_robots_and_nobody_is_asked_for_nobody(pl
     assert sorted(times) == ["A/laser", "A/proximity", "C/laser", "V/laser", "V/proximity"]
     assert all(each == sorted(each) for each in times.values())
     assert {key: scan["virtual"] for key, scan in last.items() if key.endswith("laser")} == {
-        **{"A/laser": False, "C/laser": False, "V/laser": True},
+        **{"A/laser": False, "C/laser": False, "V/laser": True}
     }
     hits, ranges = np.array(last["A/laser"]["hits"]), np.array(last["A/laser"]["ranges"])
     bearings = np.radians(np.arange(-90, 91))

@@ -10,10 +10,7 @@ from typing import Any
 import pytest
 from PIL import Image
 
-from robocorba.errors.maps import (
-    InvalidElement,
-    SessionEnded,
-)
+from robocorba.errors.maps import InvalidElement, SessionEnded
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
 from robocorba.map_editor.model import Wall

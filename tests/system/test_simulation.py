@@ -19,16 +19,7 @@ from robocorba.map_editor.spatial.floor_update import MOTION
 from robocorba.simulation.corba.announcer import TYPED_S
 from robocorba.stubs import RoboCorba
 from testkit.processes import eventually
-from testkit.simulation import (
-    CROSS,
-    NO_MOUNT,
-    RADIUS_M,
-    Place,
-    drive_to,
-    error_lines,
-    is_gone,
-    simulation,
-)
+from testkit.simulation import CROSS, NO_MOUNT, RADIUS_M, Place, drive_to, error_lines, is_gone, simulation
 
 pytestmark = pytest.mark.system
 

@@ -163,10 +163,7 @@ def test_a_robot_that_can_not(icons: tuple[Icon, ...], parameter: str, what: str
         # What a sensor may have stopped is unknown unless its result is asked for.
         ((GUARDED, Branch(Result("stopped"), (BACK,))), ["icons[1].then[0]"]),
         ((GUARDED, Branch(Result("done"), (BACK,))), []),
-        (
-            (GUARDED, Branch(Result("timed_out"), (BACK,), (BACK,))),
-            ["icons[1].then[0]", "icons[1].otherwise[0]"],
-        ),
+        ((GUARDED, Branch(Result("timed_out"), (BACK,), (BACK,))), ["icons[1].then[0]", "icons[1].otherwise[0]"]),
         # A result is of the icon just before, and of no other: an outer one, a repeat, a wait.
         ((TWICE_GUARDED, Branch(Result("done"), (BACK,))), ["icons[1].then[0]"]),
         ((Repeat(2, (GUARDED,)), Branch(Result("done"), (BACK,))), ["icons[0].icons[0].icons[0]", "icons[1].then[0]"]),
