@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_099,
-    "classes": 969,
+    "lines of code": 52_249,
+    "classes": 966,
     "upper-case names of modules": 1_077,
     "kernels": 66,
     "functions compiled within kernels": 76,
@@ -23,8 +23,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package, and words of documentation.
-LINES_AT_MOST = {"tests": 53_419, "testkit": 7_018, "bench": 10_062}
-WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_220, "CHANGELOG.md": 2_150}
+LINES_AT_MOST = {"tests": 53_499, "testkit": 7_018, "bench": 10_062}
+WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_040, "CHANGELOG.md": 2_180}
 
 
 @functools.cache
