@@ -4,7 +4,7 @@ Arguments override the environment, which overrides the defaults.
 
 | variable | meaning | default |
 |---|---|---|
-| ROBOCORBA_NAMING | the naming service as HOST:PORT; of a guarded system also the file of a role | 127.0.0.1:2809 |
+| ROBOCORBA_NAMING | the naming service as HOST:PORT, or a role's file | that of ROBOCORBA_STATE, else 127.0.0.1:2809 |
 | ROBOCORBA_STATE | the folder for stores, maps, logs and mission reports | ~/.local/state/robocorba |
 | ROBOCORBA_VALUETYPES | 1: values of valuetypes in events are accepted, at which ill-formed ones end a process | 0 |
 """
