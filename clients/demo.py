@@ -30,8 +30,8 @@ import msgspec
 from omniORB import CORBA
 
 from robocorba.clients.robot_processes import ReadyProcess, robocorba, servers
-from robocorba.commands.mission import MissionStatus, follow_mission, tables
-from robocorba.commands.path import as_table
+from robocorba.commands.mission import MissionStatus, follow_mission, sheets
+from robocorba.commands.path import sheet_of
 from robocorba.commands.waiting import progress
 from robocorba.commands.watch import Camera
 from robocorba.errors.base import RoboCorbaError
@@ -225,7 +225,7 @@ def _show_path(orb: Orb, scene: DemoScene, console: Console) -> None:
     request = PathRequest(Place(FLOOR, start.x, start.y), Place(FLOOR, scene.goal.x, scene.goal.y))
     planner = orb.resolve("PathPlanner", RoboCorba.PathPlanner)
     console.print("[bold]Path planning agent[/bold]: C's path into the other room")
-    console.print(as_table(paths.path_of(planner.findPaths(paths.request(request))[0])))
+    console.print(sheet_of(paths.path_of(planner.findPaths(paths.request(request))[0])))
 
 
 @contextlib.contextmanager
@@ -303,7 +303,7 @@ def _report(folder: Path, state: Path, error: GoalError, scene: DemoScene, conso
     pictures = [(file, shows) for file, shows in PICTURES.items() if (folder / file).exists()]
     film = FILM if (folder / FILM).exists() else ""
     written = page.write(content, folder, pictures, film, facts)
-    for table in tables(content):
+    for table in sheets(content):
         console.print(table)
     others = ", ".join(filter(None, [REPORT_FILE, film, *(file for file, _ in pictures)]))
     console.print(f"wrote {written} and, in the same folder, {others}")

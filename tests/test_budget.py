@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_159,
-    "classes": 969,
+    "lines of code": 52_249,
+    "classes": 966,
     "upper-case names of modules": 1_077,
     "kernels": 66,
     "functions compiled within kernels": 76,
@@ -24,7 +24,7 @@ AT_MOST = {
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
 LINES_AT_MOST = {"tests": 53_479, "testkit": 7_070, "bench": 10_020, "robocorba/console/static": 11_720}
-WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_220, "CHANGELOG.md": 2_150}
+WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_040, "CHANGELOG.md": 2_150}
 
 
 @functools.cache

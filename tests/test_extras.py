@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-from robocorba.commands import FORWARDING, SUBCOMMANDS
+from robocorba.commands import SUBCOMMANDS
 from robocorba.errors.services import ServiceError
 from robocorba.map_editor import native
 from robocorba.map_editor.model import TopologicalMap, with_topology
@@ -92,7 +92,7 @@ def core() -> set[str]:
 def test_the_core_runs_without_extras_and_an_extra_without_the_others(core: set[str], tmp_path: Path) -> None:
     missing = names(requirements("all").values()) - core
     modules = set(PRODUCT) - {"robocorba.__main__", "robocorba.clients.new_robot"}  # which run when they are imported
-    helps = [[name, "--help"] for name in SUBCOMMANDS if name not in FORWARDING]
+    helps = [[name, "--help"] for name in SUBCOMMANDS]
     film, recording = str(tmp_path / "new.mp4"), str(tmp_path / "old.mcap")
     bare = str(tmp_path / "bare.yaml")
     native.save(with_topology(native.load(sample_path("paper-scene")), "L1", TopologicalMap()), bare)

@@ -57,6 +57,12 @@ def test_arguments_win_over_the_environment_and_it_over_defaults(tmp_path: Path)
     assert Settings.read("b:2", other, environment) == Settings(Address("b", 2), other)
     assert Settings.read(environment={}).naming == Address("127.0.0.1", 2809)
     assert Settings.read(environment={}).state.name == "robocorba"
+    of_system, record = {"ROBOCORBA_STATE": str(tmp_path)}, tmp_path / "up.json"
+    texts = ('{"naming": "c:3"}', "c:3", "the state folder"), ("[", "127.0.0.1:2809", "the default")
+    for text, address, origin in texts:
+        record.write_text(text)
+        found = Settings.read(environment=of_system)
+        assert str(found.naming) == address and found.origin.startswith(origin)
     other.touch()
     with pytest.raises(InvalidSetting, match="--state"):
         Settings.read(state=other)

@@ -11,11 +11,15 @@ import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import typer
+from rich.markup import escape
+from typer.core import TyperGroup
 
 from robocorba import __version__
 from robocorba.system.printing import echo
+from robocorba.system.settings import typed_words
 
 #: Its name, as help and errors show it.
 NAME = "robocorba"
@@ -23,6 +27,8 @@ NAME = "robocorba"
 SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "up": ("up", "up"),
     "status": ("status", "status"),
+    "logs": ("logs", "logs"),
+    "doctor": ("doctor", "doctor"),
     "console": ("console", "console"),
     "watch": ("watch", "watch"),
     "simulation": ("simulation", "app", "Set limit and pace of the simulation, and log robots off."),
@@ -36,6 +42,7 @@ SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "program": ("program_upload", "app", "Programs of robots: lists of icons."),
     "robot-model": ("robot_model", "app", "Export the robot's model for other programs."),
     "map": ("map", "app", "Read, write, check and show map files."),
+    "samples": ("samples", "app", "Maps, programs and fleets to start from."),
     "path": ("path", "path"),
     "mission": ("mission", "app", "Missions of several robots."),
     "events": ("events", "app", "Inspect event channels, print their events, publish events."),
@@ -46,15 +53,23 @@ SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "ros2": ("ros2", "ros2"),
     "openrtm": ("openrtm", "openrtm"),
 }
-#: Commands whose arguments all go to another process.
-FORWARDING = ("robot", "console")
-#: Settings of these. Without interspersed arguments, -- is passed on too.
-_PASS_THROUGH = {
-    "allow_extra_args": True,
-    "ignore_unknown_options": True,
-    "allow_interspersed_args": False,
-    "help_option_names": [],
-}
+_HELP = ["-h", "--help"]
+
+
+class _Commands(TyperGroup):
+    """Shows helps as they are written, since rich would take [...] for markup, and flags without a type."""
+
+    def main(self, *arguments: Any, **settings: Any) -> Any:
+        waiting: list[Any] = [self]
+        while waiting:
+            each = waiting.pop()
+            waiting += getattr(each, "commands", {}).values()
+            for shown in (each, *each.get_params(typer.Context(each, help_option_names=_HELP))):
+                if getattr(shown, "help", None):
+                    shown.help = escape(shown.help)
+                if getattr(shown, "is_flag", False):
+                    shown.metavar = ""
+        return super().main(*arguments, **settings)
 
 
 def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) -> typer.Typer:
@@ -62,10 +77,10 @@ def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) 
     the time; `--help` lists them, and they do nothing."""
     app = typer.Typer(
         help="A CORBA-based cooperative mobile robot system.",
+        cls=_Commands,
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
-        context_settings={"help_option_names": ["-h", "--help"]},
+        context_settings={"help_option_names": _HELP},
     )
     firsts = {"up": "System", "robot": "Robots", "map": "Maps and paths", "mission": "Missions and events"}
     firsts |= {"record": "Recordings", "foxglove": "Bridges"}
@@ -77,9 +92,8 @@ def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) 
         if attribute == "app":
             app.add_typer(found or typer.Typer(), name=name, help=text[0], rich_help_panel=panel)
         else:
-            settings = _PASS_THROUGH if name in FORWARDING else None
             shown = _docstring(module, attribute) if only_for_help else None
-            app.command(name, help=shown, context_settings=settings, rich_help_panel=panel)(found or (lambda: None))
+            app.command(name, help=shown, rich_help_panel=panel)(found or (lambda: None))
 
     @app.command(rich_help_panel="System")
     def version() -> None:
@@ -98,13 +112,14 @@ def _docstring(module: str, function: str) -> str | None:
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the command. Never returns. arguments: those of the process by default."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    arguments = ["version"] if list(arguments) == ["--version"] else arguments
-    name = arguments[0] if arguments else ""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    words = ["version"] if words == ["--version"] else words
     code = 0
     try:
-        is_help = list(arguments) in ([], ["-h"], ["--help"], ["version"])
-        command([name] if name in SUBCOMMANDS else SUBCOMMANDS, only_for_help=is_help)(arguments, NAME)
+        # While a shell asks for completions there are no arguments.
+        first, *others = words or typed_words()[1:] or [""]
+        is_list = (not others and first not in SUBCOMMANDS) or first == "version"
+        command([first] if first in SUBCOMMANDS else SUBCOMMANDS, only_for_help=is_list)(words, NAME)
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else 1
     # Skip the interpreter's finalisation: ORB threads that end during it would abort the process.

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import State
+from robocorba.commands.options import Force, State
 from robocorba.commands.reporting import reporting
 from robocorba.system.printing import echo
 from robocorba.system.settings import Settings
@@ -16,7 +16,7 @@ from robocorba.system.supervision import backups
 
 def backup(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The backup to write, such as monday.tar.gz.")],
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    force: Force = False,
     state: State = None,
 ) -> None:
     """Save map, simulation, event channels, ports and names of a system, which may run, in one file."""

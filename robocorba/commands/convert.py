@@ -11,6 +11,7 @@ from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
 from robocorba.system.extras import require_extra
 from robocorba.system.output_files import check_output
+from robocorba.system.plain_names import names_in
 from robocorba.system.printing import echo
 
 
@@ -30,23 +31,17 @@ def convert(
     only_for("--ros2", ros2, context, "robots", "namespaced_tf")
     with reporting("convert"):
         check_output(out, [recording], replace=force)
+        require_extra("ros2" if ros2 else "foxglove", "bags of ROS 2" if ros2 else "recordings for Foxglove")
+        from robocorba.simulation.recording import Recording
+
         if ros2:
-            require_extra("ros2", "bags of ROS 2")
-            _write_bag(recording, out, robots, namespaced_tf, force)
+            from robocorba.bridges.ros2 import bag
+            from robocorba.bridges.ros2.frames import Frames
+
+            bag.convert(Recording(recording), out, names_in(robots), Frames(namespaced_tf), overwrite=force)
         else:
-            require_extra("foxglove", "recordings for Foxglove")
             from robocorba.bridges.foxglove import files
-            from robocorba.simulation.recording import Recording
 
             files.convert(Recording(recording), out, overwrite=force)
         size = sum(file.stat().st_size for file in (out.iterdir() if out.is_dir() else [out]))
         echo(f"wrote {out}: {size} bytes")
-
-
-def _write_bag(recording: Path, folder: Path, robots: str, namespaced_tf: bool, overwrite: bool) -> None:
-    from robocorba.bridges.ros2 import bag
-    from robocorba.bridges.ros2.frames import Frames
-    from robocorba.simulation.recording import Recording
-    from robocorba.system.plain_names import names_in
-
-    bag.convert(Recording(recording), folder, names_in(robots), Frames(namespaced_tf), overwrite=overwrite)

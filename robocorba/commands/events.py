@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robocorba.commands import event_stats
-from robocorba.commands.options import Json, Naming, connected
+from robocorba.commands.options import COMPLETIONS, ChannelName, Json, Naming, connected
+from robocorba.commands.tables import print_json, show
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba.remote_channel import RemoteChannel
 from robocorba.events.queue import QueuePolicy
 from robocorba.orb.orb import OFFER_CALLBACKS, Orb
+from robocorba.system.logs import one_line
 from robocorba.system.names import CHANNELS
 from robocorba.system.printing import echo
 
@@ -42,37 +44,34 @@ app = typer.Typer(no_args_is_help=True)
 peer_app = typer.Typer(help="Link channels, and remove links.", no_args_is_help=True)
 app.add_typer(peer_app, name="peer")
 
-_Channel = Annotated[str, typer.Argument(metavar="CHANNEL", help="The channel's name.")]
 _Peer = Annotated[str, typer.Argument(metavar="PEER", help="The name of the other channel.")]
-__Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
 @app.command()
 def stats(
     channels: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[CHANNEL]...", help="The channels; default: all in the naming service."),
+        list[str] | None, typer.Argument(metavar="[CHANNEL]...", autocompletion=COMPLETIONS["channel"])
     ] = None,
     json: Json = False,
     naming: Naming = None,
 ) -> None:
-    """Show proxies, links and event counts. Exit code 0 if every channel answers, else 1."""
+    """Show proxies, links and event counts, by default of all. Exit code 0 if every channel answers, else 1."""
     with connected("events stats", naming) as orb:
         names = channels or orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
         if not names:
             raise NotReachable(f"no event channel is bound in the naming service at {orb.naming}")
         states = event_stats.query(orb, names)
     if json:
-        echo(json_format.dumps({name: event_stats.as_json(state) for name, state in states.items()}, indent=2))
+        print_json({name: event_stats.as_json(state) for name, state in states.items()})
     else:
-        event_stats.show(states)
+        show(*event_stats.sheets(states))
     if any(isinstance(state, str) for state in states.values()):
         raise typer.Exit(1)
 
 
 @app.command()
 def tail(
-    channel: _Channel,
+    channel: ChannelName,
     type: Annotated[str, typer.Option(metavar="T", help="Only these types; * and ? are wildcards.")] = "*",
     source: Annotated[str, typer.Option(metavar="S", help="Only these sources; * and ? are wildcards.")] = "*",
     count: Annotated[int, typer.Option(metavar="N", min=0, help="End after N events; 0: never.")] = 0,
@@ -100,7 +99,7 @@ def tail(
 
 @app.command()
 def push(
-    channel: _Channel,
+    channel: ChannelName,
     type: Annotated[str, typer.Argument(metavar="TYPE", help="Words separated by dots, such as robot.state.")],
     payload: Annotated[str, typer.Argument(metavar="JSON", help="The payload.")],
     source: Annotated[str, typer.Option(metavar="S", help="The source of the event.")] = "",
@@ -123,7 +122,7 @@ def push(
 
 @peer_app.command()
 def add(
-    channel: _Channel,
+    channel: ChannelName,
     peer: _Peer,
     address: Annotated[
         str, typer.Option(metavar="HOST:PORT|URI", help="Its address; default: look it up in the naming service.")
@@ -137,7 +136,7 @@ def add(
 
 
 @peer_app.command()
-def remove(channel: _Channel, peer: _Peer, naming: Naming = None) -> None:
+def remove(channel: ChannelName, peer: _Peer, naming: Naming = None) -> None:
     """Remove a link at both ends."""
     with connected("events peer remove", naming) as orb:
         RemoteChannel(orb, channel).remove_peer(peer)
@@ -155,7 +154,7 @@ def text_line(event: Event) -> str:
         shown = f"{shown[:MAX_CHARACTERS]}… ({len(shown)} characters)"
     identity = f"{event.origin}:{event.number}"
     words = [_moment(event.time), identity, event.type, event.source or "-", *extras, shown]
-    return "  ".join(map(_printable, words))
+    return "  ".join(map(one_line, words))
 
 
 def json_line(event: Event) -> str:
@@ -186,10 +185,6 @@ def _moment(time_s: float) -> str:
         return datetime.fromtimestamp(time_s).astimezone().isoformat(timespec="milliseconds")
     except (ValueError, OverflowError, OSError):  # a supplier may send any number
         return f"{time_s:g}"
-
-
-def _printable(text: str) -> str:
-    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 # ---- connections ----

@@ -5,58 +5,44 @@ What draws and checks is imported where it is used: it takes most of a second to
 from __future__ import annotations
 
 from collections.abc import Iterable
-from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import msgspec
 import typer
 
-from robocorba.commands.options import only_for
+from robocorba.commands.options import Force, Json, only_for
 from robocorba.commands.reporting import reporting
-from robocorba.map_editor.formats import Imported, MapFormat, export_map, known_formats, read_map, written_formats
+from robocorba.commands.samples import add_new
+from robocorba.commands.tables import print_json
+from robocorba.map_editor.formats import Imported, export_map, known_formats, read_map, written_formats
+from robocorba.map_editor.samples import SAMPLES, sample_path
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.system.extras import require_extra
 from robocorba.system.logs import one_line
 from robocorba.system.printing import echo, line
 
 if TYPE_CHECKING:
-    from robocorba.map_editor.edits import Finding
     from robocorba.map_editor.model import Building
 
 app = typer.Typer(no_args_is_help=True)
+add_new(app, "one-room.yaml", "a map of two rooms with a door, a table, and a road between two places")
 
 _FILE = typer.Argument(
     metavar="FILE",
+    autocompletion=lambda: list(SAMPLES),
     help=f"The name of a sample building, or a file: {', '.join(each.mark for each in known_formats() if each.read)}.",
 )
 _WRITTEN = written_formats()
+_WRITTEN_HELP = ", ".join(f"{name}, {each.title}" for name, each in _WRITTEN.items())
 _WITH_CELLS = " or ".join(name for name, each in _WRITTEN.items() if each.has_cells)
-Force = Annotated[bool, typer.Option("--force", help="Replace files that exist with another content.")]
 
 
-class UnknownCells(str, Enum):
-    """What unknown cells of ROS maps count as."""
-
-    BLOCKED = "blocked"
-    FREE = "free"
-
-
-class Specks(str, Enum):
-    """Which specks of ROS maps are removed: none, those within 0.05 m of larger regions, or all.
-
-    A speck is an occupied or unknown region of at most 0.05 m side."""
-
-    KEEP = "keep"
-    WALLS = "walls"
-    ALL = "all"
-
-
-def _format(name: str) -> MapFormat:
-    """The format of `--format`."""
-    if name not in _WRITTEN:
-        raise typer.BadParameter(f"{name!r} is not one of {', '.join(_WRITTEN)}")
-    return _WRITTEN[name]
+#: What unknown cells of ROS maps count as.
+UnknownCells = Literal["blocked", "free"]
+#: Which specks of ROS maps are removed: none, those within 0.05 m of larger regions, or all. A speck is an occupied or
+#: unknown region of at most 0.05 m side.
+Specks = Literal["keep", "walls", "all"]
 
 
 @app.command("import")
@@ -65,25 +51,18 @@ def import_(
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
     topology: Annotated[
-        bool,
-        typer.Option(
-            "--topology", help="Generate a topological map, with the present nodes, for every floor that has no edges."
-        ),
+        bool, typer.Option("--topology", help="Generate a topological map for floors without edges; nodes stay.")
     ] = False,
     radius: Annotated[
         float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Robot radius for --topology.")
     ] = SMARTPAL_RADIUS_M,
     unknown: Annotated[
         UnknownCells, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
-    ] = UnknownCells.BLOCKED,
+    ] = "blocked",
     specks: Annotated[
         Specks,
-        typer.Option(
-            "--specks",
-            help="Occupied or unknown regions of ROS maps with a side up to 0.05 m: keep them, or remove those beside "
-            "walls, or all.",
-        ),
-    ] = Specks.WALLS,
+        typer.Option("--specks", help="Small regions of ROS maps: keep, remove those at walls, or all."),
+    ] = "walls",
     force: Force = False,
 ) -> None:
     """Convert a map of any readable format to a native map file, and list what the conversion changes.
@@ -98,11 +77,11 @@ def import_(
         of_cells = any(each.has_cells for each in known_formats() if each.name == imported.format)
         only_for("ROS maps", of_cells, context, "unknown", "specks")
         building = imported.building
-        _print_losses("import", imported.losses)
+        _print_each("import", imported.losses)
         if topology:
             for name in building.floors:
                 building = _with_topological_map(building, name, radius)
-        _print_warnings(checking.blocked(building))
+        _print_each("warning", checking.summaries(checking.blocked(building)))
         write_outputs({output: native.dumps(building).encode()}, [_path(file)], replace=force)
         echo(f"wrote {output}: {_summary(building)}")
 
@@ -112,16 +91,7 @@ def export(
     context: typer.Context,
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The file to write.")],
-    format: Annotated[
-        MapFormat,
-        typer.Option(
-            "--format",
-            "-f",
-            metavar="|".join(_WRITTEN),
-            parser=_format,
-            help=f"Format to write: {', '.join(f'{name}, {each.title}' for name, each in _WRITTEN.items())}.",
-        ),
-    ],
+    format_name: Annotated[str, typer.Option("--format", "-f", metavar="|".join(_WRITTEN), help=_WRITTEN_HELP)],
     resolution: Annotated[float, typer.Option(metavar="M", help=f"Side of a cell, for {_WITH_CELLS}.")] = 0.05,
     image: Annotated[str, typer.Option(metavar="KIND", help=f"pgm or png, for {_WITH_CELLS}.")] = "pgm",
     force: Force = False,
@@ -131,12 +101,15 @@ def export(
     Files that exist with another content are only replaced with --force, FILE itself never."""
     from robocorba.system.output_files import write_outputs
 
+    format = _WRITTEN.get(format_name)
+    if format is None:
+        raise typer.BadParameter(f"{format_name!r} is not one of {', '.join(_WRITTEN)}", param_hint="'--format'")
     only_for(f"--format {_WITH_CELLS}", format.has_cells, context, "resolution", "image")
     with reporting("map export", OSError):
         building = _read(file).building
         exported = export_map(building, output, format.name, resolution_m=resolution, image=image)
         write_outputs(exported.files, [_path(file)], replace=force)
-        _print_losses("export", exported.losses)
+        _print_each("export", exported.losses)
         for written in exported.files:
             echo(f"wrote {written}")
 
@@ -170,26 +143,34 @@ def check(
     radius: Annotated[
         float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should reach every node.")
     ] = SMARTPAL_RADIUS_M,
+    json: Json = False,
 ) -> None:
     """Check a map: exit code 0 if it is valid, else 1 and the file, line and key of the error.
 
     Warnings list what is blocked and what a robot of the radius can't reach. Warnings, notes, and what reading a
     foreign format changes (import: ...) do not make a map invalid."""
-    from robocorba.map_editor.checking import findings
+    from robocorba.map_editor.checking import findings, summaries
 
     with reporting("map check", OSError):
         imported = _read(file)
-        _print_losses("import", imported.losses)
-        building = imported.building
-        for name, elevator in building.elevators.items():
-            if len(elevator.floors()) < 2:
-                line(f"note: elevator {name!r} serves only {', '.join(elevator.floors())}")
+        building, warnings = imported.building, summaries(findings(imported.building, radius))
+        notes = [
+            f"elevator {name!r} serves only {', '.join(elevator.floors())}"
+            for name, elevator in building.elevators.items()
+            if len(elevator.floors()) < 2
+        ]
         for name, entry in building.floors.items():
             if not entry.topological.edges:
                 missing = "edges" if entry.topological.nodes else "nodes and edges"
-                line(f"note: floor {name!r} has no {missing}; `robocorba map import --topology` generates them")
-        warnings = _print_warnings(findings(building, radius))
-        counted = f", {warnings} warning{'s' * (warnings > 1)}" if warnings else ""
+                notes.append(f"floor {name!r} has no {missing}; `robocorba map import --topology` generates them")
+        if json:
+            found = {"imported": imported.losses, "notes": notes, "warnings": warnings}
+            print_json({"file": file, "is_valid": True, **_counts(building), **found})
+            return
+        _print_each("import", imported.losses)
+        _print_each("note", notes)
+        _print_each("warning", warnings)
+        counted = f", {len(warnings)} warning{'s' * (len(warnings) > 1)}" if warnings else ""
         echo(f"{file} is valid{counted}: {_summary(building)}")
 
 
@@ -216,35 +197,30 @@ def _with_topological_map(building: Building, floor: str, radius_m: float) -> Bu
     return msgspec.structs.replace(building, floors=floors)
 
 
-def _print_warnings(found: Iterable[Finding]) -> int:
-    """Print findings, one line for each kind. Returns the number of lines."""
-    from robocorba.map_editor.checking import summaries
-
-    lines = summaries(found)
-    for text in lines:
-        line(f"warning: {text}")
-    return len(lines)
-
-
-def _read(file: str, unknown: UnknownCells = UnknownCells.BLOCKED, specks: Specks = Specks.WALLS) -> Imported:
-    return read_map(_path(file), unknown=unknown.value, specks=specks.value)
+def _read(file: str, unknown: UnknownCells = "blocked", specks: Specks = "walls") -> Imported:
+    return read_map(_path(file), unknown=unknown, specks=specks)
 
 
 def _path(file: str) -> str | Path:
     """The file of a sample, or a file."""
-    from robocorba.map_editor.samples import SAMPLES, sample_path
-
     return sample_path(file) if file in SAMPLES else file
 
 
-def _print_losses(direction: str, losses: tuple[str, ...]) -> None:
-    for loss in losses:
-        line(f"{direction}: {loss}")
+def _print_each(kind: str, sentences: Iterable[str]) -> None:
+    for sentence in sentences:
+        line(f"{kind}: {sentence}")
+
+
+def _counts(building: Building) -> dict[str, int]:
+    floors = building.floors.values()
+    return {
+        "floors": len(floors),
+        "walls": sum(len(entry.geometrical.walls) for entry in floors),
+        "nodes": sum(len(entry.topological.nodes) for entry in floors),
+        "edges": sum(len(entry.topological.edges) for entry in floors),
+        "elevators": len(building.elevators),
+    }
 
 
 def _summary(building: Building) -> str:
-    floors = building.floors.values()
-    walls = sum(len(entry.geometrical.walls) for entry in floors)
-    nodes = sum(len(entry.topological.nodes) for entry in floors)
-    edges = sum(len(entry.topological.edges) for entry in floors)
-    return f"{len(floors)} floors, {walls} walls, {nodes} nodes, {edges} edges, {len(building.elevators)} elevators"
+    return ", ".join(f"{count} {what}" for what, count in _counts(building).items())

@@ -13,25 +13,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
 from robocorba.commands.options import Json, Naming, connected, only_for
 from robocorba.commands.reporting import reporting
+from robocorba.commands.tables import Sheet, print_json, show
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.errors.paths import InvalidRequest
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import NoLeader
 from robocorba.system.extras import require_extra
 from robocorba.system.names import MISSIONS
-from robocorba.system.printing import Console, echo, line
+from robocorba.system.printing import echo, line
 from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
-    from robocorba.missions.subplan import StoredPlan
     from robocorba.orb.orb import Orb
-    from robocorba.robot.corba.remote_data_pool import RemotePool
     from robocorba.robot.programs.icons import Destination
     from robocorba.simulation.corba.remote_database import RemoteDatabase
     from robocorba.simulation.mission_record import MissionContent, MissionState
@@ -63,13 +60,7 @@ def move_table(
         int | None, typer.Option(metavar="N", min=2, max=6, help="How many robots carry (default: by its mass).")
     ] = None,
     recovery_timeout: Annotated[
-        float | None,
-        typer.Option(
-            metavar="SECONDS",
-            min=1.0,
-            max=3600.0,
-            help="How long robots or servers may be missing after a fault before the mission fails (default: 60).",
-        ),
+        float | None, typer.Option(metavar="S", min=1.0, max=3600.0, help="Limit for recovery from a fault [60].")
     ] = None,
     naming: Naming = None,
 ) -> None:
@@ -98,13 +89,9 @@ def list_missions(naming: Naming = None, as_json: Json = False) -> None:
         states = sorted(RemoteMissionControl(orb).missions_since(0), key=lambda state: state.content.begun)
         records = _database(orb).missions() if as_json else {}
     if as_json:
-        echo(
-            json.dumps([record_json(state, records[state.name]) for state in states if state.name in records], indent=1)
-        )
+        print_json([record_json(state, records[state.name]) for state in states if state.name in records])
         return
-    table = Table()
-    for head in ("mission", "task", "leader", "began", "took", "phase", "result"):
-        table.add_column(head, no_wrap=head in ("mission", "result"))  # names are for copying
+    rows = []
     for state in states:
         content = state.content
         seconds = (content.ended or time.time()) - content.begun
@@ -112,9 +99,10 @@ def list_missions(naming: Naming = None, as_json: Json = False) -> None:
         began = time.strftime("%H:%M:%S" if is_today else "%m-%d %H:%M", time.localtime(content.begun))
         task = f"{content.kind.replace('_', ' ')} {content.about}"
         phase = content.phases[-1].name if content.phases and content.is_running else ""
-        cells = state.name, task, content.leader, began, f"{max(0.0, seconds):.0f} s", phase, content.result.value
-        table.add_row(*map(escape, cells))
-    Console().print(table)
+        took = f"{max(0.0, seconds):.0f} s"
+        rows.append((state.name, task, content.leader, began, took, phase, content.result.value))
+    titles = ("mission", "task", "leader", "began", "took", "phase", "result")
+    show(Sheet(titles, rows, spare=("began", "took", "leader", "task")))
 
 
 @app.command()
@@ -137,22 +125,22 @@ def status(
         state, leaders = control.mission(name), control.leaders(name)
         record = _database(orb).mission(name) if as_json else None
     if record:
-        echo(json.dumps(record_json(state, record), indent=1))
+        print_json(record_json(state, record))
         return
     content = state.content
-    phases = Table("phase", "from [s]", "duration [s]", "waited for", title_justify="left")
-    phases.title = escape(f"{name}: {content.kind.replace('_', ' ')} {content.about}, {content.result.value}")
+    phases = []
     for phase in content.phases:
         duration = f"{phase.ended - phase.begun:.1f}" if phase.ended else ""
-        phases.add_row(escape(phase.name), f"{phase.begun - content.begun:.1f}", duration, escape(phase.waited_for))
-    Console().print(phases)
+        phases.append((phase.name, f"{phase.begun - content.begun:.1f}", duration, phase.waited_for))
+    title = f"{name}: {content.kind.replace('_', ' ')} {content.about}, {content.result.value}"
     robots = ", ".join(f"{member.robot} ({member.role})" for member in content.members)
     count = f"{len(content.phases)} of {content.phases_in_all} phases have begun; " if content.phases_in_all else ""
-    line(f"{count}led by {content.leader}, term {content.term}; robots: {robots or 'not yet known'}")
+    notes = [f"{count}led by {content.leader}, term {content.term}; robots: {robots or 'not yet known'}"]
     for each in leaders[1:]:
-        line(f"{each.robot} took over in term {each.term} after {each.since - content.begun:.1f} s: {each.reason}")
-    if content.reason:
-        line(content.reason)
+        after_s = each.since - content.begun
+        notes.append(f"{each.robot} took over in term {each.term} after {after_s:.1f} s: {each.reason}")
+    notes += filter(None, [content.reason])
+    show(Sheet(("phase", "from [s]", "duration [s]", "waited for"), phases, title=title, notes=notes))
 
 
 @app.command()
@@ -175,6 +163,7 @@ def report(
     state: Annotated[
         Path | None, typer.Option(metavar="DIR", help="The state folder of the leader [ROBOCORBA_STATE].")
     ] = None,
+    as_json: Json = False,
     naming: Naming = None,
 ) -> None:
     """Print the report of a mission that has ended, and write it as a web page beside its JSON. A mission without a
@@ -204,10 +193,10 @@ def report(
         except ServiceError as error:
             line(f"note: {error}", err=True)
         written = page.write(content, file.parent, pictures)
-        for table in tables(content):
-            Console().print(table)
-        if content["reason"]:
-            line(content["reason"])
+        if as_json:
+            print_json(content)
+            return
+        show(*sheets(content))
         echo(f"wrote {written}")
 
 
@@ -253,34 +242,32 @@ def record_json(state: MissionState, record: Mission) -> dict[str, Any]:
 
 def _print_plan(orb: Orb, leader: str) -> None:
     """Print plan and phase of the mission that a robot leads, or led last."""
+    from robocorba.missions.subplan import StoredPlan
     from robocorba.robot.corba.remote_data_pool import RemotePool
 
-    stored = _latest(RemotePool(orb, leader, 3.0))
-    if stored is None:
+    plans = RemotePool(orb, leader, 3.0).plans()
+    if not plans:
         echo(f"{leader} has led no mission")
         return
+    stored = StoredPlan.decode(plans[-1].content)
     plan = stored.plan
-    table = Table(title=f"{plan.mission}: {plan.kind} {plan.thing}, {stored.phase}")
-    table.add_column("phase")
-    for subplan in plan.subplans:
-        table.add_column(f"{subplan.robot} ({subplan.role})")
-    for number, phase in enumerate(plan.phases):
-        steps = [type(subplan.steps[number]).__name__ for subplan in plan.subplans]
-        table.add_row(phase, *steps, style="bold" if phase == stored.phase else "")
-    Console().print(table)
+    titles = ("phase", *(f"{subplan.robot} ({subplan.role})" for subplan in plan.subplans))
+    rows = [
+        (phase, *(type(subplan.steps[number]).__name__ for subplan in plan.subplans))
+        for number, phase in enumerate(plan.phases)
+    ]
+    show(Sheet(titles, rows, title=f"{plan.mission}: {plan.kind} {plan.thing}, {stored.phase}"))
 
 
-def tables(report: dict[str, Any]) -> list[Table]:
+def sheets(report: dict[str, Any]) -> list[Sheet]:
     """Tables of the phases and of the message latencies. report: as returned by MissionReport.as_json."""
     from robocorba.missions import page
 
-    phases = Table(*map(escape, page.PHASES), title=f"{report['mission']}: {report['result']}", title_justify="left")
-    for phase in page.phases(report):
-        phases.add_row(*phase)
-    messages = Table(*map(escape, page.LATENCIES), title=page.LATENCIES_TITLE, title_justify="left")
-    for latency in page.latencies(report):
-        messages.add_row(*latency)
-    return [phases, messages]
+    title, reasons = f"{report['mission']}: {report['result']}", list(filter(None, [report["reason"]]))
+    return [
+        Sheet(page.PHASES, list(page.phases(report)), title=title, notes=reasons),
+        Sheet(page.LATENCIES, list(page.latencies(report)), title=page.LATENCIES_TITLE),
+    ]
 
 
 def parse_destination(text: str) -> Destination:
@@ -369,11 +356,3 @@ def _print_progress(control: RemoteMissionControl, name: str, stop: StopSignal) 
                     control.abort(name)
                     is_ending = True
     raise NotReachable(f"mission {name} has no result")  # not reached: follow_mission ends with one
-
-
-def _latest(pool: RemotePool) -> StoredPlan | None:
-    """The plan of the last mission."""
-    from robocorba.missions.subplan import StoredPlan
-
-    plans = pool.plans()
-    return StoredPlan.decode(plans[-1].content) if plans else None

@@ -13,16 +13,16 @@ import typer
 from robocorba.commands.options import Naming, connected
 from robocorba.commands.reporting import reporting
 from robocorba.commands.rt_objects import RtComponent, RtObjects
-from robocorba.commands.served_map import ServedMap
-from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
+from robocorba.commands.served_map import ServedMap, scanning, serve
+from robocorba.commands.waiting import OUTAGE_LIMIT_S, StopSignal
 from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import ServiceError
+from robocorba.map_editor.model import Building
 from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.corba.robot_orders import RobotOrders
-from robocorba.simulation.corba.remote_lasers import RemoteLasers
 from robocorba.simulation.sensing.continuous_scans import ContinuousScans
 from robocorba.simulation.system_changes import SystemChanges
 from robocorba.simulation.system_view import RobotPlace, SystemView
@@ -31,8 +31,8 @@ from robocorba.system.printing import echo, line
 from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Address, RoleNaming
 
-#: Interval between looks at the system, at the states of robots of active components, and at connected ports [s].
-LOOK_S, STATES_S, PORTS_S = 0.05, 0.5, 5.0
+#: Interval between looks at the states of robots of active components, and at connected ports [s].
+STATES_S, PORTS_S = 0.5, 5.0
 #: Listen on all addresses.
 _EVERYWHERE = {"endPoint": "giop:tcp::"}
 
@@ -63,11 +63,8 @@ def openrtm(
             components = RobotComponents(orb, RtObjects(orb, names), names_in(robots))
             closing.callback(components.close)
             shown = SystemInOpenRtm(system, served, components, scan_rate)
-            lasers = None
-            if scan_rate:
-                lasers = ContinuousScans(
-                    RemoteLasers(orb).scans, lambda: shown.places, scan_rate, lambda: system.actual
-                )
+            lasers = scanning(orb, system, lambda: shown.places, scan_rate)
+            if lasers:
                 closing.callback(lasers.close)
             shown.show(changes)
             echo(f"{tools or orb.naming}: {', '.join(sorted(components.names)) or 'no robots yet'}")
@@ -165,22 +162,11 @@ class SystemInOpenRtm:
 
     def serve(self, stop: StopSignal, lasers: ContinuousScans | None) -> None:
         """Until stopped; warns while the system does not answer."""
-        problem = ""
-        for _ in stop.ticks(LOOK_S):
-            try:
-                changes = self._system.follow(RETRY_TIMEOUT_S)
-                if lasers:
-                    lasers.note(changes.scans)
-                    changes.scans.extend(lasers.take())
-                self.show(changes)
-                if building := self._served.after(changes):
-                    self._view.building = building
-                found = ""
-            except RoboCorbaError as error:
-                found = str(error)
-            if found != problem:
-                problem = found
-                _warn(found or "the system answers again")
+
+        def set_building(building: Building) -> None:
+            self._view.building = building
+
+        serve(stop, self._system, self._served, lasers, self.show, set_building, _warn)
 
     def show(self, changes: SystemChanges) -> None:
         """Raises UpdateMismatch."""
@@ -193,5 +179,6 @@ class SystemInOpenRtm:
         self._components.show_scans(changes, self._scan_rate_hz)
 
 
-def _warn(text: str) -> None:
-    line(f"robocorba openrtm: {text}", err=True)
+def _warn(problem: str) -> None:
+    """Say that there is a problem; without a text that it has ended."""
+    line(f"robocorba openrtm: {problem or 'the system answers again'}", err=True)

@@ -5,20 +5,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from enum import Enum
 from pathlib import Path as File
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
-from robocorba.commands.options import Naming, connected, served_building
+from robocorba.commands.options import Json, Naming, connected, served_building
 from robocorba.commands.reporting import reporting
+from robocorba.commands.tables import Sheet, print_json, show
 from robocorba.errors.paths import InvalidRequest
-from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
-from robocorba.planning.corba.remote_planner import RemotePlanner
 from robocorba.planning.request import (
     MAX_ALTERNATIVES,
     SMARTPAL_SPEED_M_S,
@@ -29,33 +25,26 @@ from robocorba.planning.request import (
     RouteMode,
 )
 from robocorba.system.extras import require_extra
-from robocorba.system.printing import Console, echo
+from robocorba.system.printing import echo
 
-
-class Mode(str, Enum):
-    """Route mode."""
-
-    SMOOTHED = "smoothed"
-    TOPOLOGICAL = "topological"
-    GEOMETRIC = "geometric"
+if TYPE_CHECKING:
+    from robocorba.map_editor.model import Building
 
 
 def path(
     start: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Start; coordinates in metres.")],
     goal: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Goal; coordinates in metres.")],
     picture: Annotated[
-        File | None,
-        typer.Option(metavar="FILE", help="Draw the floors of the path into this PNG, in place of an earlier one."),
+        File | None, typer.Option(metavar="FILE", help="Draw the path into this PNG, in place of an earlier one.")
     ] = None,
     mode: Annotated[
-        Mode, typer.Option(help="Along the topological map with corners cut, along it exactly, or through free space.")
-    ] = (Mode.SMOOTHED),
+        Literal["smoothed", "topological", "geometric"], typer.Option(help="Roads with corners cut, roads, or lines.")
+    ] = "smoothed",
     fastest: Annotated[bool, typer.Option("--time", help="Minimize the duration instead of the distance.")] = False,
     radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot in metres.")] = SMARTPAL_RADIUS_M,
     speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot in m/s.")] = SMARTPAL_SPEED_M_S,
     avoid: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="An elevator, or an area as FLOOR/NAME, to avoid; repeatable."),
+        list[str] | None, typer.Option(metavar="NAME", help="Avoid an elevator, or FLOOR/AREA; repeatable.")
     ] = None,
     graph: Annotated[
         str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and edges that name no graph.")
@@ -63,6 +52,7 @@ def path(
     alternatives: Annotated[
         int, typer.Option(metavar="N", min=0, max=MAX_ALTERNATIVES, help="Number of alternative paths.")
     ] = 0,
+    json: Json = False,
     naming: Naming = None,
 ) -> None:
     """Plan a path with the running path planning agent."""
@@ -72,19 +62,24 @@ def path(
             parse_place(goal, "goal"),
             radius=radius,
             speed=speed,
-            mode=RouteMode[mode.name],
+            mode=RouteMode[mode.upper()],
             best=Criterion.SHORTEST_TIME if fastest else Criterion.SHORTEST_DISTANCE,
             avoid_elevators=frozenset(name for name in avoid or () if "/" not in name),
             avoid_areas=tuple((name.partition("/")[0], name.partition("/")[2]) for name in avoid or () if "/" in name),
             graph=graph,
             alternatives=alternatives,
         )
+    from robocorba.planning.corba.remote_planner import RemotePlanner
+
     with connected("path", naming) as orb:
         found = RemotePlanner(orb, resolve_timeout_s=3.0, call_timeout_s=10.0).paths(wanted)
-        for one in found:
-            Console().print(as_table(one))
         if picture:
             draw(served_building(orb), found[0], picture)
+        if json:
+            print_json([as_json(each) for each in found])
+            return
+        show(*map(sheet_of, found))
+        if picture:
             echo(f"drew {picture}")
 
 
@@ -99,31 +94,32 @@ def parse_place(text: str, which: str) -> Place:
     raise InvalidRequest(which, f"{text[:80]!r} is not of the form FLOOR:X,Y, such as L1:3,4")
 
 
-def as_table(found: Path) -> Table:
-    """A path for the terminal: metres, degrees, seconds."""
-    summary = f"{found.distance:.2f} m, {found.duration:.1f} s, {len(found.rows)} points"
-    table = Table(title=f"{summary} (map version {found.version})")
-    for column in ("kind", "node", "floor", "x [m]", "y [m]", "heading [°]", "distance [m]", "time [s]"):
-        table.add_column(escape(column), justify="right" if "[" in column else "left")
-    for point in found.points:
-        kind = point.kind.name.lower().replace("_", " ")
-        table.add_row(
-            escape(f"{kind} {point.elevator}".strip()),  # a name may be any text, such as [/]
-            escape(point.node),
-            escape(point.floor),
-            f"{point.x:.2f}",
-            f"{point.y:.2f}",
-            f"{math.degrees(point.heading):.0f}",
-            f"{point.distance:.2f}",
-            f"{point.time:.1f}",
+def sheet_of(found: Path) -> Sheet:
+    """A path as text: metres, degrees, seconds."""
+    titles = ("kind", "node", "floor", "x [m]", "y [m]", "heading [°]", "distance [m]", "time [s]")
+    rows = [
+        (
+            f"{point.kind.name.lower().replace('_', ' ')} {point.elevator}".strip(),
+            *(point.node, point.floor, f"{point.x:.2f}", f"{point.y:.2f}", f"{math.degrees(point.heading):.0f}"),
+            *(f"{point.distance:.2f}", f"{point.time:.1f}"),
         )
-    return table
+        for point in found.points
+    ]
+    summary = f"{found.distance:.2f} m, {found.duration:.1f} s, {len(rows)} points (map version {found.version})"
+    return Sheet(titles, rows, spare=("heading [°]", "time [s]"), title=summary)
+
+
+def as_json(found: Path) -> dict[str, Any]:
+    """A path in m, rad and s."""
+    points = [{**each._asdict(), "kind": each.kind.name.lower()} for each in found.points]
+    return {"distance": found.distance, "duration": found.duration, "map_version": found.version, "points": points}
 
 
 def draw(building: Building, found: Path, file: File) -> None:
     """Draw every floor of a path into one PNG. Raises ServiceError without the extra films."""
     require_extra("films", "pictures")
     from robocorba.map_editor.drawing import draw_building
+    from robocorba.map_editor.model import Building
     from robocorba.map_editor.pictures import save_picture
 
     crossed = {point.floor for point in found.points}

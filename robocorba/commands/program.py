@@ -16,10 +16,12 @@ import typer
 from rich.text import Text
 from rich.tree import Tree
 
+from robocorba.commands.options import Json
 from robocorba.commands.path import parse_place
 from robocorba.commands.reporting import reporting
+from robocorba.commands.samples import add_new
+from robocorba.commands.tables import print_json
 from robocorba.errors.robots import InvalidProgram
-from robocorba.orb.orb import Orb
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import Settings
 
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from robocorba.robot.programs.program import Program
 
 app = typer.Typer(no_args_is_help=True)
+add_new(app, "drive.json", "a program with drives on floor L1 of the sample building five-floors")
 
 _FILE = typer.Argument(metavar="FILE", help="A program, or - for the standard input.")
 
@@ -44,9 +47,9 @@ def check(
         str | None, typer.Option(metavar="MAP", help="Check drives on this map: a file, or a sample building's name.")
     ] = None,
     naming: Annotated[
-        str | None,
-        typer.Option(metavar="HOST:PORT", help="Check drives with the path planning agent of this naming service."),
+        str | None, typer.Option(metavar="HOST:PORT", help="Check drives by the planner of this naming service.")
     ] = None,
+    as_json: Json = False,
 ) -> None:
     """Check a program before it runs: exit code 0 if it has no findings, else 1 with every wrong icon and parameter.
     Needs no server; without a map it does not check drives."""
@@ -63,13 +66,19 @@ def check(
 
         with _planner(building, naming) as planner:
             report = check_program(program, InverseKinematics(), planner, Start(place, heading))
-        for note in report.notes:
-            line(f"note: {note}")
-        for finding in report.findings:
-            line(f"{file}: {finding}", err=True)
+        count = sum(1 for _ in icons_with_paths(program))
+        if as_json:
+            found = {"notes": list(map(str, report.notes)), "findings": list(map(str, report.findings))}
+            print_json({"file": str(file), "is_valid": report.is_valid, "icons": count, **found})
+        else:
+            for note in report.notes:
+                line(f"note: {note}")
+            for finding in report.findings:
+                line(f"{file}: {finding}", err=True)
+            if report.is_valid:
+                echo(f"{file} is valid: {count} icons")
         if not report.is_valid:
             raise typer.Exit(1)
-        echo(f"{file} is valid: {sum(1 for _ in icons_with_paths(program))} icons")
 
 
 @app.command()
@@ -150,6 +159,7 @@ def _planner(building: str | None, naming: str | None) -> Iterator[Planner | Non
 
         yield PathPlanner(read_map(sample_path(building) if building in SAMPLES else building).building)
     elif naming:
+        from robocorba.orb.orb import Orb
         from robocorba.planning.corba.remote_planner import RemotePlanner
 
         with Orb(Settings.read(naming=naming).naming) as orb:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, connected
+from robocorba.commands.options import COMPLETIONS, Naming, RobotName, connected
 from robocorba.commands.program import app, read
 from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.errors.robots import IllegalOrder
@@ -33,7 +33,9 @@ KEYS = "p: pause  r: resume  s: step  q: end"
 @app.command()
 def run(
     file: Annotated[File, typer.Argument(metavar="FILE", help="A program, or - for the standard input.")],
-    robot: Annotated[str, typer.Option(metavar="NAME", help="The robot to run it on.")],
+    robot: Annotated[
+        str, typer.Option(metavar="NAME", help="The robot to run it on.", autocompletion=COMPLETIONS["robot"])
+    ],
     step: Annotated[bool, typer.Option("--step", help="Pause before each icon.")] = False,
     naming: Naming = None,
 ) -> None:
@@ -53,7 +55,8 @@ def run(
                 Console(stderr=True).print(KEYS, style="dim")
             ended = _follow(agent, stop, keys)
     report = ended.program
-    _print(report.result.name.lower(), f"{report.icons_done} icons", f"{report.seconds:.1f} s", report.reason)
+    reasons = filter(None, [report.reason])
+    line(report.result.name.lower(), f"{report.icons_done} icons", f"{report.seconds:.1f} s", *reasons)
     if report.result.name != "DONE":
         raise typer.Exit(1)
 
@@ -73,11 +76,11 @@ def _follow(agent: RemoteAgent, stop: StopSignal, keys: int | None) -> AgentStat
             stop.wait(POLL_INTERVAL_S)
             continue
         for icon in begun:
-            _print(icon.icon, icon.kind, f"{icon.seconds:.1f} s")
+            line(icon.icon, icon.kind, f"{icon.seconds:.1f} s")
             printed = icon.number + 1
         is_paused = state.condition.name == "PAUSED"
         if is_paused and not was_paused:
-            _print(state.program.icon, state.program.kind, "paused")
+            line(state.program.icon, state.program.kind, "paused")
         was_paused = is_paused
         if state.program.result.name != "NO_RESULT":
             return state
@@ -86,10 +89,6 @@ def _follow(agent: RemoteAgent, stop: StopSignal, keys: int | None) -> AgentStat
             agent.abort()
         if keys is not None:
             _handle_keys(agent, keys)
-
-
-def _print(*fields: str) -> None:
-    line(*fields[: 1 + max((place for place, each in enumerate(fields) if each), default=0)])
 
 
 def _handle_keys(agent: RemoteAgent, keys: int) -> None:
@@ -118,37 +117,24 @@ def _keys() -> Iterator[int | None]:
         termios.tcsetattr(number, termios.TCSADRAIN, before)
 
 
-def _order(name: str, order: str, naming: str | None) -> None:
-    from robocorba.robot.corba.remote_agent import RemoteAgent
+def _add_order(order: str, help: str) -> None:
+    @app.command(order, help=help)
+    def give(robot: RobotName, naming: Naming = None) -> None:
+        from robocorba.robot.corba.remote_agent import RemoteAgent
 
-    with connected(f"program {order}", naming) as orb:
-        getattr(RemoteAgent(orb, name), order)()
-
-
-_ROBOT = typer.Argument(metavar="ROBOT", help="Name of the robot.")
-
-
-@app.command()
-def pause(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
-    """Pause a robot's program until `resume` or `step`."""
-    _order(robot, "pause", naming)
+        with connected(f"program {order}", naming) as orb:
+            getattr(RemoteAgent(orb, robot), order)()
 
 
-@app.command()
-def resume(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
-    """Continue a robot's program."""
-    _order(robot, "resume", naming)
-
-
-@app.command()
-def step(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
-    """Continue a robot's program to the next icon."""
-    _order(robot, "step", naming)
+_add_order("pause", "Pause a robot's program until `resume` or `step`.")
+_add_order("resume", "Continue a robot's program.")
+_add_order("step", "Continue a robot's program to the next icon.")
+_add_order("abort", "End a robot's program.")
 
 
 @app.command()
 def answer(
-    robot: Annotated[str, _ROBOT],
+    robot: RobotName,
     yes: Annotated[str, typer.Argument(metavar="yes|no", help="The answer; without it the question is printed.")] = "",
     naming: Naming = None,
 ) -> None:
@@ -163,9 +149,3 @@ def answer(
         if yes or not asked.number:
             agent.answer(asked.number, yes == "yes")
         line(robot, asked.text, yes or "?")
-
-
-@app.command()
-def abort(robot: Annotated[str, _ROBOT], naming: Naming = None) -> None:
-    """End a robot's program."""
-    _order(robot, "abort", naming)

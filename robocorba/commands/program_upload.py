@@ -6,13 +6,13 @@ from datetime import datetime
 from pathlib import Path as File
 from typing import Annotated
 
-import msgspec
 import typer
 
 from robocorba.commands.options import Json, Naming, connected
 from robocorba.commands.program import read
 from robocorba.commands.program_run import app
-from robocorba.system.printing import echo, line
+from robocorba.commands.tables import Sheet, print_json, show
+from robocorba.system.printing import line
 
 __all__ = ["app"]
 
@@ -58,11 +58,15 @@ def reports(
     with connected("program reports", naming) as orb:
         found, following = RemoteAgent(orb, robot).reports(since)
     if as_json:
-        plain = [each.plain() for each in found]
-        echo(msgspec.json.encode({"reports": plain, "next": following}).decode())
+        print_json({"reports": [each.plain() for each in found], "next": following})
         return
-    for each in found:
-        ended = datetime.fromtimestamp(each.ended).isoformat(" ", "seconds")
-        report = each.program
-        what = f"{report.result.name.lower()}, {report.icons_done} icons, {report.seconds:.1f} s"
-        line(str(each.number), ended, report.name, what, *filter(None, (report.icon, report.kind, report.reason)))
+    rows = [
+        (
+            *(each.number, datetime.fromtimestamp(each.ended).isoformat(" ", "seconds"), each.program.name),
+            *(each.program.result.name.lower(), each.program.icons_done, f"{each.program.seconds:.1f} s"),
+            *(f"{each.program.icon} {each.program.kind}", each.program.reason),
+        )
+        for each in found
+    ]
+    titles = ("number", "ended", "program", "result", "icons", "took", "at", "reason")
+    show(Sheet(titles, rows, spare=("number", "icons", "took", "at")))

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, connected, served_building
+from robocorba.commands.options import Floors, Force, Naming, connected, served_building
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.console.corba.live_system import LiveSystem, live_system
 from robocorba.errors.services import NotReachable
@@ -30,11 +30,11 @@ Write = Callable[[SystemChanges, float], None]
 
 def record(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording to write, such as monday.mcap.")],
-    floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Record this floor only; repeatable.")] = None,
+    floor: Floors = None,
     seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Duration [s]; 0: until Ctrl-C.")] = 0.0,
     scans: Annotated[bool, typer.Option("--scans/--no-scans", help="Record scans of robots' sensors.")] = True,
     foxglove: Annotated[bool, typer.Option("--foxglove", help="Write Foxglove's messages instead of ours.")] = False,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
+    force: Force = False,
     naming: Naming = None,
 ) -> None:
     """Record the running simulation: floors up to 20 times a second, postures, scans and missions, until Ctrl-C or

@@ -15,7 +15,8 @@ from rich.live import Live
 
 from robocorba.commands.options import only_for
 from robocorba.commands.reporting import reporting
-from robocorba.commands.simulation_tables import SimulationTables, as_tables, elevators, robots, show
+from robocorba.commands.simulation_tables import Tables, elevators, robots, sheets, with_note
+from robocorba.commands.tables import print_json, show
 from robocorba.commands.waiting import StopSignal, progress
 from robocorba.commands.watch import SHOW_INTERVAL_S
 from robocorba.errors.simulation import InvalidRecording
@@ -48,16 +49,17 @@ def replay(
         float | None, typer.Option(metavar="S", min=0.0, help="Show only the state at this time [s].")
     ] = None,
     png: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Draw a floor --at S, or at the end, in place of an earlier picture."),
+        Path | None, typer.Option(metavar="FILE", help="Draw --at S, or the end, in place of an earlier picture.")
     ] = None,
     video: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file, in place of an earlier one.")
     ] = None,
     fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
     width: Annotated[int, typer.Option(metavar="PX", help="Width of the picture or video.")] = 960,
+    json: Annotated[bool, typer.Option("--json", help="Print the state --at S, or at the end, as JSON.")] = False,
 ) -> None:
     """Show a recording."""
+    only_for("tables", not (png or video), context, "json")
     only_for("--video", video, context, "fps")
     only_for("--png and --video", png or video, context, "width")
     only_for("tables and --png", png or not video, context, "at")
@@ -78,10 +80,12 @@ def replay(
             film(recording, one_of(recording, floor or []), video, speed, fps, width)
         if png or video:
             return
-        if at is None and Console().is_terminal:
+        if json:
+            print_json(recorded_tables(recording.at(at_s, floor or [])))
+        elif at is None and Console().is_terminal:
             show_live(recording, floor or [], speed)
         else:
-            show(recorded_tables(recording.at(at_s, floor or [])))
+            show(*sheets(recorded_tables(recording.at(at_s, floor or []))))
 
 
 def one_of(recording: Recording, floors: Sequence[str]) -> str:
@@ -91,9 +95,9 @@ def one_of(recording: Recording, floors: Sequence[str]) -> str:
     return floors[0] if floors else recording.floors[0]
 
 
-def recorded_tables(views: Mapping[str, FloorView]) -> SimulationTables:
+def recorded_tables(views: Mapping[str, FloorView]) -> Tables:
     """Tables of recorded floors."""
-    return SimulationTables(robots=robots(views.values()), elevators=elevators(views.values()))
+    return {"robots": robots(views.values()), "elevators": elevators(views.values())}
 
 
 def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None:
@@ -105,7 +109,7 @@ def show_live(recording: Recording, floors: Sequence[str], speed: float) -> None
             if stop.wait(began + at_s / speed - time.monotonic()):
                 return
             note = f"{at_s:.1f} s of {recording.duration_s:.1f} s"
-            live.update(as_tables(recorded_tables(views), note, "bold"), refresh=True)
+            live.update(with_note(recorded_tables(views), note, "bold"), refresh=True)
     if not recording.is_complete:
         echo("the recording ends here: its recorder was killed, or is still recording")
 

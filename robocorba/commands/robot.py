@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import os
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from robocorba.commands.options import Naming, State, connected, only_for
-from robocorba.orb.orb import Orb
+from robocorba.commands.forwarding import forwarding
+from robocorba.commands.options import Naming, RobotName, State, connected, only_for
 from robocorba.system.printing import line
-from robocorba.system.settings import Settings
-from robocorba.system.supervision.launch import module_command
+from robocorba.system.settings import RobotSettings, Settings
+
+if TYPE_CHECKING:
+    from robocorba.orb.orb import Orb
 
 
-def robot(context: typer.Context) -> None:
-    """Start a robot: NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-    [--protect on|off] [--perceive simulation|sensors] [--agent-only] [-- ...].
-
-    It logs on, is bound as RoboCorba/Robots/NAME, and runs until Ctrl-C or SIGTERM. `--help` lists the options."""
-    command = module_command("robocorba.clients.robot", *context.args)
-    os.execv(command[0], command)
+@forwarding("robocorba.clients.robot", RobotSettings.parser())
+def robot() -> None:
+    """Start a robot. It logs on, is bound as RoboCorba/Robots/NAME, and runs until Ctrl-C or SIGTERM."""
 
 
 def stop(
     context: typer.Context,
-    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot.")] = "",
+    name: RobotName = "",
     all_robots: Annotated[bool, typer.Option("--all", help="Stop all robots.")] = False,
     reset: Annotated[bool, typer.Option("--reset", help="Restart the robot after a stop.")] = False,
     naming: Naming = None,
@@ -67,15 +64,14 @@ def _reset(orb: Orb, names: list[str], settings: Settings) -> bool:
     from robocorba.robot.corba.emergency_stop import reset_robots
     from robocorba.system.supervision.stop_addresses import stop_addresses
 
-    is_fine = True
-    for name, problem in reset_robots(orb, names, stop_addresses(settings.state, settings.naming)):
+    problems = dict(reset_robots(orb, names, stop_addresses(settings.state, settings.naming)))
+    for name, problem in problems.items():
         line(name, problem or "may move again", err=bool(problem))
-        is_fine &= not problem
-    return is_fine
+    return not any(problems.values())
 
 
 def switch(
-    name: Annotated[str, typer.Argument(metavar="ROBOT", help="Name of the robot.")],
+    name: RobotName,
     adaptor: Annotated[str, typer.Argument(metavar="ADAPTOR", help="Such as simulated or smartpal.")],
     arguments: Annotated[list[str] | None, typer.Argument(metavar="...", help="The adaptor's, after --.")] = None,
     naming: Naming = None,

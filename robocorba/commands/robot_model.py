@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from robocorba.commands.options import Force
 from robocorba.commands.reporting import reporting
 from robocorba.system.output_files import write_outputs
 from robocorba.system.printing import echo
@@ -23,7 +24,7 @@ def robot_model() -> None:
 @app.command()
 def urdf(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Where to write; - is the standard output.")],
-    force: Annotated[bool, typer.Option("--force", help="Replace a file that exists with another content.")] = False,
+    force: Force = False,
 ) -> None:
     """Write the robot as a URDF, for RViz, MuJoCo, Gazebo and others: links, joints, limits, masses, looks."""
     with reporting("robot-model urdf"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,16 +9,14 @@ import typer
 
 from robocorba.commands.options import Naming, State, only_for
 from robocorba.commands.reporting import reporting
-from robocorba.orb.orb import Orb
+from robocorba.commands.waiting import RESOLVE_TIMEOUT_S
 from robocorba.system import logs
+from robocorba.system.names import CHANNELS
 from robocorba.system.printing import Console
 from robocorba.system.private_files import claim_state
 from robocorba.system.roles import Role
 from robocorba.system.settings import Settings
 from robocorba.system.supervision.robots import STARTING
-
-#: Timeout to find the system [s].
-RESOLVE_TIMEOUT_S = 5.0
 
 
 def robots(
@@ -51,8 +48,11 @@ def robots(
 
     A robot that ends is shown with the reason; the others go on. Exit code 0 if all ran to the end, else 1."""
     from robocorba.commands.compiling import compile_with_progress
-    from robocorba.commands.fleet_view import view_for
+    from robocorba.commands.fleet_view import FleetView
+    from robocorba.orb.orb import Orb
+    from robocorba.simulation.corba.remote_database import RemoteDatabase
     from robocorba.system.supervision.fleet import Fleet
+    from robocorba.system.supervision.fleet_file import group_of, read_fleet
 
     given = {"floor": floor, "channel": channel, "program": program and str(program), "adaptor": adaptor}
     given["perceive"] = perceive
@@ -64,30 +64,16 @@ def robots(
     only_for("robots of --count, a file has its own", count, context, "prefix", "argument", *given)
     with reporting("robots"):
         settings = Settings.read(naming=naming, state=state, role=Role.ROBOT)
-        orders_in = _orders(fleet, {**options, "prefix": prefix, "count": count})
+        orders_in = read_fleet(fleet) if fleet else group_of({**options, "prefix": prefix, "count": count})
         console = Console()
         claim_state(settings.state)
         logs.setup("robots", settings.state / "logs", with_stderr=not console.is_terminal)
         compile_with_progress(settings.state / "logs")
         with Orb(settings.naming) as orb:
-            orders = orders_in(*_places(orb))
-            with view_for(console) as view:
+            floors, channels = RemoteDatabase(orb, RESOLVE_TIMEOUT_S).floors(), orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
+            orders = orders_in(floors, channels)
+            with FleetView(console) as view:
                 running = Fleet(orders, settings, view, starting, restart, start_limit)
                 is_fine = running.run(orb)
     if not is_fine:
         raise typer.Exit(1)
-
-
-def _orders(fleet: Path | None, group: dict[str, Any]) -> Callable[[Sequence[str], Sequence[str]], list[Any]]:
-    """The robots, as soon as floors and channels are known. Raises MapFileError, InvalidFleet."""
-    from robocorba.system.supervision.fleet_file import group_of, read_fleet
-
-    return read_fleet(fleet) if fleet else group_of(group)
-
-
-def _places(orb: Orb) -> tuple[list[str], list[str]]:
-    """Floors and channels of the running system. Raises NotReachable."""
-    from robocorba.simulation.corba.remote_database import RemoteDatabase
-    from robocorba.system.names import CHANNELS
-
-    return RemoteDatabase(orb, RESOLVE_TIMEOUT_S).floors(), orb.names(CHANNELS, RESOLVE_TIMEOUT_S)

@@ -9,22 +9,15 @@ import typer
 
 from robocorba.bridges.ros2 import ros_node
 from robocorba.commands.options import Naming, connected
-from robocorba.commands.served_map import ServedMap
-from robocorba.commands.waiting import OUTAGE_LIMIT_S, RETRY_TIMEOUT_S, StopSignal
-from robocorba.console.corba.live_system import LiveSystem, live_system
-from robocorba.errors.base import RoboCorbaError
+from robocorba.commands.served_map import ServedMap, scanning, serve
+from robocorba.commands.waiting import OUTAGE_LIMIT_S, StopSignal
+from robocorba.console.corba.live_system import live_system
 from robocorba.errors.paths import UnknownFloor
 from robocorba.map_editor.formats.floor_grid import DEFAULT_RESOLUTION_M
-from robocorba.simulation.corba.remote_lasers import RemoteLasers
 from robocorba.system.printing import echo
 
 if TYPE_CHECKING:
-    from robocorba.bridges.ros2.publisher import RosPublisher
-    from robocorba.bridges.ros2.robot_interfaces import RobotInterfaces
-    from robocorba.simulation.sensing.continuous_scans import ContinuousScans
-
-#: Interval between looks at the system [s].
-LOOK_S = 0.05
+    from robocorba.simulation.system_changes import SystemChanges
 
 
 def ros2(
@@ -53,7 +46,6 @@ def ros2(
         from robocorba.bridges.ros2.node import RosTopics
         from robocorba.bridges.ros2.publisher import RosPublisher
         from robocorba.bridges.ros2.robot_interfaces import RobotInterfaces
-        from robocorba.simulation.sensing.continuous_scans import ContinuousScans
         from robocorba.system.plain_names import names_in
 
         stop = StopSignal()
@@ -68,39 +60,16 @@ def ros2(
             closing.callback(system.close)
             interfaces = RobotInterfaces(orb, node, publisher, frames, stamped)
             closing.callback(interfaces.close)
-            lasers = None
-            if scan_rate:
-                lasers = ContinuousScans(
-                    RemoteLasers(orb).scans, lambda: publisher.places, scan_rate, lambda: system.actual
-                )
+            lasers = scanning(orb, system, lambda: publisher.places, scan_rate)
+            if lasers:
                 closing.callback(lasers.close)
             _, places = publisher.places
             interfaces.update(places)
             node.start()
             echo(f"ROS domain {node.domain}: {', '.join(sorted(places)) or 'no robots yet'}")
-            _serve(stop, system, served, publisher, interfaces, lasers)
 
+            def show(changes: SystemChanges) -> None:
+                publisher.publish(changes)
+                interfaces.update(publisher.places[1])
 
-def _serve(
-    stop: StopSignal,
-    system: LiveSystem,
-    served: ServedMap,
-    publisher: RosPublisher,
-    interfaces: RobotInterfaces,
-    lasers: ContinuousScans | None,
-) -> None:
-    """Publish the system in ROS, and give robots orders from there, until stopped; warn while it does not answer."""
-    for _ in stop.ticks(LOOK_S):
-        try:
-            changes = system.follow(RETRY_TIMEOUT_S)
-            if lasers:
-                lasers.note(changes.scans)
-                changes.scans.extend(lasers.take())
-            publisher.publish(changes)
-            interfaces.update(publisher.places[1])
-            if building := served.after(changes):
-                publisher.set_building(building)
-            found = ""
-        except RoboCorbaError as error:
-            found = str(error)
-        interfaces.note(found)
+            serve(stop, system, served, lasers, show, publisher.set_building, interfaces.note)

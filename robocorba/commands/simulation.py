@@ -9,8 +9,9 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import State, administrator
+from robocorba.commands.options import Json, State, administrator, only_for
 from robocorba.commands.reporting import reporting
+from robocorba.commands.tables import Sheet, print_json, show
 from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.system.printing import line
@@ -40,13 +41,18 @@ def evict(robot: str, state: State = None) -> None:
 
 @app.command()
 def admit(
-    robot: Annotated[str, typer.Argument(help="Default: list the robots that are kept out.")] = "", state: State = None
+    context: typer.Context,
+    robot: Annotated[str, typer.Argument(help="Default: list the robots that are kept out.")] = "",
+    json: Json = False,
+    state: State = None,
 ) -> None:
     """Let a robot in again that `evict` keeps out."""
+    only_for("the list of robots that are kept out", not robot, context, "json")
     with _administrator(state) as simulation:
-        if not robot:
-            for name in simulation.kept_out():
-                line(name)
+        if json:
+            print_json(simulation.kept_out())
+        elif not robot:
+            show(Sheet(["kept out"], [(name,) for name in simulation.kept_out()]))
         elif simulation.admit(robot):
             line(robot, "may log on again")
         else:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import contextlib
-import json as json_format
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any
 
 from rich.console import Group
-from rich.markup import escape
-from rich.table import Table
 from rich.text import Text
 
+from robocorba.commands.tables import Sheet, snake_cased
 from robocorba.commands.waiting import RETRY_TIMEOUT_S
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.spatial.floor_update import BodyKind, FloorView
@@ -24,7 +22,7 @@ from robocorba.robot.display import Display
 from robocorba.robot.live_scans import ROBOTS_AT_ONCE, nearest, robots_on
 from robocorba.simulation.corba.remote_database import CALL_TIMEOUT_S, RemoteFloors
 from robocorba.simulation.corba.remote_simulation import simulation_server
-from robocorba.system.printing import Console, line
+from robocorba.system.logs import one_line
 
 #: Longest wait for the scans of robots [s].
 SCAN_LIMIT_S = 0.2
@@ -32,13 +30,8 @@ SCAN_LIMIT_S = 0.2
 Row = dict[str, Any]
 
 
-class SimulationTables(NamedTuple):
-    """Rows of all tables, in m, s, rad. A replay has neither server nor sensors."""
-
-    server: Sequence[Row] = ()
-    robots: Sequence[Row] = ()
-    elevators: Sequence[Row] = ()
-    sensors: Sequence[Row] = ()
+#: Rows of `server`, `robots`, `elevators` and `sensors`, in m, s, rad. A replay has neither server nor sensors.
+Tables = Mapping[str, Sequence[Row]]
 
 
 class RunningSimulation:
@@ -55,26 +48,28 @@ class RunningSimulation:
     def close(self) -> None:
         self._scans.close()
 
-    def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> SimulationTables:
+    def read(self, resolve_timeout_s: float = RETRY_TIMEOUT_S) -> Tables:
         """Read the current state. Raises UnknownFloor, NotReachable."""
         self._floors.follow(resolve_timeout_s)
         views = list(self._floors.views.values())
 
-        def read(server: Any) -> SimulationTables:
-            return SimulationTables(
-                [members(server._get_state())],
-                clients(server.clients(), views),
-                elevators(views),
-                [sensor(state) for state in server.sensors()],
-            )
+        def read(server: Any) -> Tables:
+            return {
+                "server": [members(server._get_state())],
+                "robots": clients(server.clients(), views),
+                "elevators": elevators(views),
+                "sensors": [sensor(state) for state in server.sensors()],
+            }
 
         self._server.resolve_timeout_s = resolve_timeout_s
         tables = self._server.call(read)
-        if tables.robots and time.monotonic() >= self._ask_at:
+        if tables["robots"] and time.monotonic() >= self._ask_at:
             self._ask_displays()
-        seen, unseen = self._nearest(views), {"nearest": None, "nearestIs": ""}
-        shown = [{**row, **seen.get(row["name"], unseen), "display": self._text(row["name"])} for row in tables.robots]
-        return tables._replace(robots=shown)
+        seen, unseen = self._nearest(views), {"nearest": None, "nearest_is": ""}
+        shown = [
+            {**row, **seen.get(name := row["name"], unseen), "display": self._text(name)} for row in tables["robots"]
+        ]
+        return {**tables, "robots": shown}
 
     def _nearest(self, views: Iterable[FloorView]) -> dict[str, Row]:
         """What is nearest to robots by their sensors, as members of their rows; none for a robot without."""
@@ -87,7 +82,7 @@ class RunningSimulation:
             robot.name: nearest((scan for scan in scans if scan.robot == robot.name), robot.radius_m)
             for robot in robots
         }
-        return {name: {"nearest": each[0], "nearestIs": each[1]} for name, each in found.items() if each}
+        return {name: {"nearest": each[0], "nearest_is": each[1]} for name, each in found.items() if each}
 
     def _ask_displays(self) -> None:
         """Ask all robots that have an agent what they show, at most once a second."""
@@ -105,7 +100,7 @@ class RunningSimulation:
 
 def members(struct: Any) -> Row:
     """Members of a struct of numbers and strings."""
-    return dict(vars(struct))
+    return dict(snake_cased(vars(struct)))
 
 
 def robots(views: Iterable[FloorView]) -> list[Row]:
@@ -114,9 +109,7 @@ def robots(views: Iterable[FloorView]) -> list[Row]:
         {
             "name": body.name,
             "floor": view.floor,
-            "x": float(motion["x"]),
-            "y": float(motion["y"]),
-            "heading": float(motion["heading"]),
+            **{member: float(motion[member]) for member in ("x", "y", "heading")},
             "speed": math.hypot(motion["vx"], motion["vy"]),
         }
         for view in views
@@ -129,20 +122,13 @@ def clients(states: Iterable[Any], views: Sequence[FloorView]) -> list[Row]:
     """Logged-on robots (each a ClientState) on the given floors."""
     speeds = {row["name"]: row["speed"] for row in robots(views)}
     floors = {view.floor for view in views}
-    return [
-        {
-            "name": state.name,
-            **members(state.at),
-            "speed": speeds.get(state.name, 0.0),
-            "since": state.since,
-            "silent": state.silent,
-            "callRate": state.callRate,
-            "latency": state.latency,
-            "sensor": state.sensor,
-        }
-        for state in states
-        if state.at.floor in floors
-    ]
+    found = []
+    for state in states:
+        row = members(state)
+        at = row.pop("at")
+        if at.floor in floors:
+            found.append({**row, **members(at), "speed": speeds.get(state.name, 0.0)})
+    return found
 
 
 def elevators(views: Iterable[FloorView]) -> list[Row]:
@@ -170,16 +156,6 @@ def sensor(state: Any) -> Row:
 # ---- rows as tables ----
 
 
-def _printable(value: object) -> str:
-    """The text of a value, with escapes for unprintable characters."""
-    text = str(value)
-    return text if text.isprintable() else repr(text)[1:-1]
-
-
-def _printable_names(values: Iterable[str]) -> str:
-    return ", ".join(map(_printable, values))
-
-
 def _pace(value: float) -> str:
     return f"{value:g}" if value else "as fast as possible"
 
@@ -194,80 +170,64 @@ _COLUMNS: dict[str, tuple[tuple[str, str, Callable[[Any], str]], ...]] = {
         ("achieved", "achieved", "{:.2f}".format),
         ("paused", "paused", lambda value: "yes" if value else "no"),
         ("collisions", "collisions", str),
-        ("events/s", "eventRate", "{:.1f}".format),
-        ("map version", "mapVersion", str),
+        ("events/s", "event_rate", "{:.1f}".format),
+        ("map version", "map_version", str),
     ),
-    "robot": (
-        ("robot", "name", _printable),
-        ("floor", "floor", _printable),
+    "robots": (
+        ("robot", "name", str),
+        ("floor", "floor", str),
         ("x [m]", "x", "{:.2f}".format),
         ("y [m]", "y", "{:.2f}".format),
         ("heading [°]", "heading", lambda value: f"{math.degrees(value):.0f}"),
         ("speed [m/s]", "speed", "{:.2f}".format),
         ("silent [s]", "silent", "{:.2f}".format),
-        ("calls/s", "callRate", "{:.1f}".format),
+        ("calls/s", "call_rate", "{:.1f}".format),
         ("latency [ms]", "latency", lambda value: f"{value * 1000:.2f}"),
-        ("sensor server", "sensor", _printable),
+        ("served by", "sensor", str),
         ("nearest [m]", "nearest", lambda value: "" if value is None else f"{value:.2f}"),
-        ("nearest is", "nearestIs", str),
-        ("shows", "display", _printable),
+        ("nearest is", "nearest_is", str),
+        ("shows", "display", str),
     ),
-    "elevator": (
-        ("elevator", "name", _printable),
-        ("cabin", "cabin", lambda value: _printable(value) or "travelling"),
+    "elevators": (
+        ("elevator", "name", str),
+        ("cabin", "cabin", lambda value: value or "travelling"),
         ("height [m]", "height", "{:.2f}".format),
         ("doors", "doors", str.lower),
         ("open [%]", "opening", lambda value: f"{value * 100:.0f}"),
-        ("riders", "riders", _printable_names),
-        ("queue", "queue", _printable_names),
+        ("riders", "riders", ", ".join),
+        ("queue", "queue", ", ".join),
     ),
-    "sensor": (
-        ("sensor server", "name", _printable),
+    "sensors": (
+        ("sensor server", "name", str),
         ("robots", "robots", str),
         ("busy [%]", "busy", lambda value: f"{value * 100:.0f}"),
         ("lag [ms]", "lag", lambda value: f"{value * 1000:.0f}"),
-        ("scans/s", "scanRate", "{:.1f}".format),
+        ("scans/s", "scan_rate", "{:.1f}".format),
     ),
 }
 
 
-def filled_tables(tables: SimulationTables) -> list[tuple[str, tuple[str, ...], list[tuple[str, ...]]]]:
-    """Kind of row, titles and cells of each non-empty table."""
+#: Columns that narrow terminals leave out, first the first.
+_SPARE = ("calls/s", "latency [ms]", "silent [s]", "served by", "nearest is", "heading [°]", "events/s", "achieved")
+
+
+def sheets(tables: Tables) -> list[Sheet]:
+    """The tables that have rows, as text."""
     found = []
-    for (kind, columns), rows in zip(_COLUMNS.items(), tables, strict=True):
-        if rows:
+    for kind, columns in _COLUMNS.items():
+        if rows := tables.get(kind):
             shown = [column for column in columns if column[1] in rows[0]]
-            cells = [tuple(write(row[key]) for _, key, write in shown) for row in rows]
-            found.append((kind, tuple(title for title, _, _ in shown), cells))
+            cells = [[write(row[key]) for _, key, write in shown] for row in rows]
+            found.append(Sheet([title for title, _, _ in shown], cells, _SPARE))
     return found
 
 
-def as_json(tables: SimulationTables) -> str:
-    """All tables of a running simulation as JSON, with the member names of the IDL. A robot's `at` and a sensor
-    server's `load` are flattened, `speed`, `nearest`, `nearestIs` and `display` are added, doors have the names of
-    elevator_state.Doors."""
-    return json_format.dumps({**tables._asdict(), "server": tables.server[0]}, indent=2)
+def as_json(tables: Tables) -> Row:
+    """All tables of a running simulation. A robot's `at` and a sensor server's `load` are flattened, `speed`,
+    `nearest`, `nearest_is` and `display` are added, doors have the names of elevator_state.Doors."""
+    return {**tables, "server": tables["server"][0]}
 
 
-def show(tables: SimulationTables) -> None:
-    """Print tables; without a terminal one line for each row: its kind, then its cells, separated by tabs."""
-    console = Console()
-    if console.is_terminal:
-        console.print(as_tables(tables))
-        return
-    for kind, _, rows in filled_tables(tables):
-        for row in rows:
-            line(kind, *row)
-
-
-def as_tables(tables: SimulationTables, note: str = "", style: str = "bold red") -> Group:
+def with_note(tables: Tables, note: str = "", style: str = "bold red") -> Group:
     """Tables for the terminal, with a note below."""
-    parts: list[Table | Text] = []
-    for _, titles, rows in filled_tables(tables):
-        table = Table()
-        for title in titles:
-            table.add_column(escape(title), justify="right" if "[" in title or title.endswith("/s") else "left")
-        for row in rows:
-            table.add_row(*map(escape, row))  # a name may be any text, such as [/]
-        parts.append(table)
-    return Group(*parts, *([Text(note, style)] if note else []))
+    return Group(*sheets(tables), *([Text(one_line(note), style)] if note else []))

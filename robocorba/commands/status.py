@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import time
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import msgspec
 import psutil
 import typer
-from rich.table import Column, Table
 
 from robocorba.commands.options import Json, State
 from robocorba.commands.reporting import reporting
+from robocorba.commands.tables import Sheet, print_json, show
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import CONTEXT, Orb
 from robocorba.robot.corba.remote_agent import displays
 from robocorba.simulation.emergency_stops import ALL, UNTIL_RESET, read_records
 from robocorba.system.corba.servers import probe_of
 from robocorba.system.names import STOPS
-from robocorba.system.printing import Console, echo, line
+from robocorba.system.printing import echo
 from robocorba.system.settings import Address, Settings
 from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, started_s
 from robocorba.system.supervision.system import NAMING_SERVICES
@@ -54,10 +55,7 @@ class ProcessStatus(msgspec.Struct):
         return self.state == "running" and all(status.answered_ms is not None for status in self.objects)
 
 
-def status(
-    state: State = None,
-    json: Json = False,
-) -> None:
+def status(state: State = None, json: Json = False) -> None:
     """Show the processes that run and whether they answer. Exit code 0 if all do, else 1."""
     with reporting("status"):
         settings = Settings.read(state=state)
@@ -68,25 +66,17 @@ def status(
         stops = read_records(settings.state / STOPS) if alive else {}
         held = stops[ALL].held if ALL in stops else ""
     if json:
-        answer = {
-            "state": str(settings.state),
-            "naming": alive.naming if alive else None,
-            "hang_limit_s": alive.hang_limit_s if alive else None,
-            "stop_of_all": held or None,
-            "processes": processes,
-            "robots": shown,
-        }
-        echo(msgspec.json.format(msgspec.json.encode(answer), indent=2).decode())
+        system = {"naming": alive and alive.naming, "hang_limit_s": alive and alive.hang_limit_s}
+        more = {"stop_of_all": held or None, "processes": processes, "robots": shown}
+        print_json({"state": str(settings.state), **system, **more})
     elif alive is None:
         echo(f"nothing runs in {settings.state}")
     else:
-        _print(processes)
-        for name, (kind, text) in shown.items():
-            line(name, kind, text)
+        robots = Sheet(("robot", "shows", "text"), [(name, *display) for name, display in shown.items()])
         limit_s = alive.hang_limit_s
-        if held:
-            echo(f"all robots are stopped, {UNTIL_RESET} ({held})")
-        echo(f"a server without an answer for {limit_s:g} s is restarted" if limit_s else "servers may hang")
+        notes = [f"all robots are stopped, {UNTIL_RESET} ({held})"] if held else []
+        notes.append(f"a server without an answer for {limit_s:g} s is restarted" if limit_s else "servers may hang")
+        show(sheet_of(processes, notes), *([robots] if shown else []))
     if not processes or not all(process.is_healthy for process in processes):
         raise typer.Exit(1)
 
@@ -152,8 +142,9 @@ def _status(process: ProcessRecord, objects: list[ObjectStatus]) -> ProcessStatu
     )
 
 
-def _print(processes: list[ProcessStatus]) -> None:
-    header = ("process", "state", "process id", "listens on", "memory", "up", "restarts", "object", "answer")
+def sheet_of(processes: list[ProcessStatus], notes: Sequence[str] = ()) -> Sheet:
+    """The processes, and each of their objects, as text."""
+    titles = ("process", "state", "pid", "listens on", "memory", "up", "restarts", "object", "answer")
     rows: list[tuple[Any, ...]] = []
     for process in processes:
         cells: tuple[Any, ...] = (process.name, process.state, process.pid or "-", process.endpoint or "-")
@@ -162,13 +153,5 @@ def _print(processes: list[ProcessStatus]) -> None:
             rows.append((*cells, "-", "-"))
         for status in process.objects:
             answer = status.problem if status.answered_ms is None else f"{status.answered_ms:.2f} ms"
-            rows.append((*cells, status.name or "naming service", answer))
-    console = Console()
-    if console.is_terminal:
-        table = Table(*(Column(title, overflow="fold") for title in header))
-        for row in rows:
-            table.add_row(*map(str, row))
-        console.print(table)
-    else:
-        for row in rows:
-            line(*row)
+            rows.append((*cells, status.name.removeprefix(f"{CONTEXT}/") or "naming service", answer))
+    return Sheet(titles, rows, spare=("memory", "listens on", "restarts", "up", "pid"), notes=notes)

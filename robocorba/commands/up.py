@@ -8,16 +8,18 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Column, Table
 
 from robocorba.commands.compiling import compile_with_progress
 from robocorba.commands.options import State, only_for
 from robocorba.commands.reporting import reporting
+from robocorba.commands.tables import Sheet, show
 from robocorba.console.settings import DEFAULT_PORT
+from robocorba.errors.services import PortInUse, ServiceError
 from robocorba.orb.naming import corbaname
 from robocorba.orb.tls import load_transport
 from robocorba.system.corba.servers import servers
 from robocorba.system.corba.subnets import default_subnets, parse_subnets, remove_former_links, subnets_of_map
+from robocorba.system.endpoints import user_of
 from robocorba.system.extras import require_extra
 from robocorba.system.names import CONSOLE
 from robocorba.system.printing import Console, echo, line
@@ -30,72 +32,41 @@ from robocorba.system.supervision.system import NAMING_SERVICES, System
 def up(
     context: typer.Context,
     building: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The map to serve; default: the stored one, else the sample five-floors."),
+        Path | None, typer.Option(metavar="FILE", help="The map to serve [the stored one, else five-floors].")
     ] = None,
     state: State = None,
     naming_port: Annotated[
         int | None, typer.Option(metavar="N", help="Port of the naming service [port of ROBOCORBA_NAMING, 2809].")
     ] = None,
     host: Annotated[
-        str | None,
-        typer.Option(
-            metavar="H",
-            help="Address of this machine, to listen on and for clients to use [host of ROBOCORBA_NAMING, 127.0.0.1].",
-        ),
+        str | None, typer.Option(metavar="H", help="Listen here; clients use it [that of ROBOCORBA_NAMING, 127.0.0.1].")
     ] = None,
     subnets: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME,...",
-            help="The sub-networks: each gets an event channel, linked with the others [those of the map, else main].",
-        ),
+        str | None, typer.Option(metavar="NAME,...", help="Sub-networks with event channels [of the map, else main].")
     ] = None,
     sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor servers.")] = 1,
-    start_limit: Annotated[
-        float,
-        typer.Option(
-            metavar="S", help="Time limit in seconds for each process to start, until it answers its first call."
-        ),
-    ] = 180.0,
+    start_limit: Annotated[float, typer.Option(metavar="S", help="Limit for the first answer of a process.")] = 180.0,
     hang_limit: Annotated[
-        float,
-        typer.Option(
-            metavar="S", min=0.0, help="Restart a server that does not answer for this time, in seconds; 0: never."
-        ),
+        float, typer.Option(metavar="S", min=0.0, help="Restart a server without an answer for this time; 0: never.")
     ] = 10.0,
     spare_stopped: Annotated[
         bool, typer.Option("--spare-stopped", help="Not while a debugger or SIGSTOP holds the server.")
     ] = False,
     guarded: Annotated[
-        bool,
-        typer.Option(
-            "--guarded", help="Without one of the files in access/ of the state folder, clients only observe."
-        ),
+        bool, typer.Option("--guarded", help="Clients without a file of access/ in the state folder only observe.")
     ] = False,
     tls: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="DIR",
-            help="As --guarded, and by TLS only: the authorities are in DIR/ca.pem, our certificate in DIR/tls.pem.",
-        ),
+        Path | None, typer.Option(metavar="DIR", help="As --guarded, by TLS with DIR/ca.pem and our DIR/tls.pem.")
     ] = None,
     bidirectional: Annotated[
-        bool,
-        typer.Option(
-            "--bidirectional", help="Event channels call consumers behind NAT over the consumers' connections."
-        ),
+        bool, typer.Option("--bidirectional", help="Call consumers behind NAT over the connections that they open.")
     ] = False,
     accept: Annotated[
-        str,
-        typer.Option(
-            metavar="ROBOTS,SECONDS",
-            help="Draw what this number of robots has seen for this time and no map has [by hand].",
-        ),
+        str, typer.Option(metavar="ROBOTS,SECONDS", help="Draw what so many robots see for this time [by hand].")
     ] = "",
     console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
     console_port: Annotated[
-        int, typer.Option(metavar="N", min=0, max=65535, help="Port of the console on 127.0.0.1; 0: any free one.")
+        int, typer.Option(metavar="N", min=0, max=65535, help="Its port on 127.0.0.1; 0: a free one.")
     ] = DEFAULT_PORT,
 ) -> None:
     """Start the naming service and all servers, each as a process; print `ready` when all answer.
@@ -154,21 +125,21 @@ def run(system: System) -> None:
 
     def ready(record: SystemRecord) -> None:
         waiting.stop()
-        console = Console()
-        if console.is_terminal:
-            console.print(as_table(record))
-        else:
-            for cells in _rows(record):
-                line(*cells)
+        show(sheet_of(record))
         echo("ready")
 
     try:
         system.run(ready, prepare)
+    except PortInUse as error:
+        raise ServiceError(
+            f"{error}: {user_of(error.port)} listens there. A second system needs ports and --state of its own"
+        ) from None
     finally:
         waiting.stop()
 
 
-def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
+def sheet_of(record: SystemRecord) -> Sheet:
+    """The objects of a system, with their whole addresses."""
     naming = Address.parse(record.naming)
     rows = []
     for process in record.processes:
@@ -176,13 +147,5 @@ def _rows(record: SystemRecord) -> list[tuple[str, str, str]]:
         objects = [corbaname(naming, name) for name in names]
         if process.name == CONSOLE:
             objects.append(record.console_address)
-        rows += [(process.name, str(process.pid), where) for where in objects]
-    return rows
-
-
-def as_table(record: SystemRecord) -> Table:
-    """The objects of a system, for a terminal."""
-    table = Table("process", "process id", Column("object", overflow="fold"))  # no address may lack its end
-    for cells in _rows(record):
-        table.add_row(*cells)
-    return table
+        rows += [(process.name, process.pid, where) for where in objects]
+    return Sheet(("process", "pid", "object"), rows, spare=("pid",))

@@ -13,8 +13,9 @@ from typing import Annotated
 import typer
 from rich.live import Live
 
-from robocorba.commands.options import Naming, connected, only_for
-from robocorba.commands.simulation_tables import RunningSimulation, SimulationTables, as_json, as_tables, show
+from robocorba.commands.options import Floors, Naming, connected, only_for
+from robocorba.commands.simulation_tables import RunningSimulation, Tables, as_json, sheets, with_note
+from robocorba.commands.tables import print_json, show
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S, RETRY_TIMEOUT_S, Outage, StopSignal, progress
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
@@ -30,7 +31,7 @@ SHOW_INTERVAL_S = 0.25
 
 def watch(
     context: typer.Context,
-    floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show this floor only; repeatable.")] = None,
+    floor: Floors = None,
     once: Annotated[bool, typer.Option("--once", help="Print the tables once and exit.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON once and exit.")] = False,
     video: Annotated[Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file.")] = None,
@@ -53,42 +54,32 @@ def watch(
         with contextlib.closing(RunningSimulation(orb, floors)) as simulation:
             tables = simulation.read(RESOLVE_TIMEOUT_S)
             if json:
-                echo(as_json(tables))
+                print_json(as_json(tables))
             elif once:
-                show(tables)
-            elif Console().is_terminal:
-                show_live(simulation, tables, stop)
+                show(*sheets(tables))
             else:
-                print_tables(simulation, tables, stop)
+                follow(simulation, tables, stop)
 
 
-def show_live(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
-    """Show tables in the terminal until stopped. Raises UnknownFloor, NotReachable."""
-    outage = Outage()
-    with Live(as_tables(tables), auto_refresh=False) as live:
-        for _ in stop.ticks(SHOW_INTERVAL_S):
+def follow(simulation: RunningSimulation, tables: Tables, stop: StopSignal) -> None:
+    """Show tables until stopped, in a terminal in the place of the former ones, in a pipe one after the other with an
+    empty line between. Raises UnknownFloor, NotReachable."""
+    outage, is_terminal = Outage(), Console().is_terminal
+    with Live(auto_refresh=False) if is_terminal else contextlib.nullcontext() as live:
+        for _ in stop.ticks(SHOW_INTERVAL_S if is_terminal else 1.0):
+            note, was_active = "", outage.is_active
             try:
-                tables, note = simulation.read(), ""
+                tables = simulation.read()
                 outage.note_answer()
             except NotReachable as error:
                 note = outage.note_failure(error)
-            live.update(as_tables(tables, note), refresh=True)
-
-
-def print_tables(simulation: RunningSimulation, tables: SimulationTables, stop: StopSignal) -> None:
-    """Print tables to a pipe or file, each followed by an empty line, until stopped. Raises as `show_live`."""
-    outage = Outage()
-    for _ in stop.ticks(every_s=1.0):
-        try:
-            tables = simulation.read()
-            outage.note_answer()
-        except NotReachable as error:
-            if not outage.is_active:
-                line(f"robocorba watch: {error}; waiting", err=True)
-            outage.note_failure(error)
-            continue
-        show(tables)
-        echo()
+                if not (live or was_active):
+                    line(f"robocorba watch: {error}; waiting", err=True)
+            if live:
+                live.update(with_note(tables, note), refresh=True)
+            elif not note:
+                show(*sheets(tables))
+                echo()
 
 
 class Camera:

@@ -54,14 +54,9 @@ class ConsoleSettings:
         """Host names by which browsers may call the console."""
         return frozenset({self.host}) | (LOOPBACK_HOSTS if Address(self.host, 1).is_loopback else frozenset())
 
-    @classmethod
-    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
-        """From `[--host H] [--port N] [--password-file FILE] [--certificate FILE --key FILE] [--administrator FILE]
-        [--supervisor FILE] [--recording FILE] [--viewers N] [--pin-file FILE] [--programs DIR] [--naming HOST:PORT]
-        [--state DIR]`.
-
-        Asks for a password where one is needed and none is given. Raises InvalidSetting; SystemExit with a usage line
-        for unknown arguments."""
+    @staticmethod
+    def parser(description: str = "") -> argparse.ArgumentParser:
+        """The parser for the console's arguments."""
         parser = argparse.ArgumentParser(prog="robocorba console", description=description, allow_abbrev=False)
         parser.add_argument("--host", default="127.0.0.1", metavar="H", help="address on which to listen [127.0.0.1]")
         parser.add_argument("--port", type=int, default=DEFAULT_PORT, metavar="N", help="port [8800]; 0: any free one")
@@ -92,7 +87,13 @@ class ConsoleSettings:
         parser.add_argument("--programs", type=Path, metavar="DIR", help="programs to offer beside the samples")
         parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
-        given = parser.parse_args(arguments)
+        return parser
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
+        """From the arguments of `parser`. Asks for a password where one is needed and none is given. Raises
+        InvalidSetting; SystemExit with a usage line for unknown arguments."""
+        given = cls.parser(description).parse_args(arguments)
         if given.port:
             Address.checked(given.host, given.port, "--host or --port")
         else:

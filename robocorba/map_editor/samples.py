@@ -20,6 +20,12 @@ def sample_path(name: str) -> Path:
     return Path(str(files("robocorba") / "samples" / f"{name}.yaml"))
 
 
+def sample_files() -> dict[str, Path]:
+    """The maps, programs and fleets that travel with the package, by the names of their files."""
+    folder = Path(str(files("robocorba") / "samples"))
+    return {file.name: file for file in sorted(folder.iterdir()) if file.suffix in (".json", ".yaml")}
+
+
 def load_sample(name: str) -> Building:
     """A sample building, read and checked. Raises MapFileError, which lists the samples, if the name is unknown."""
     return native.load(sample_path(name))

@@ -29,6 +29,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import omniORB
 import PortableServer
 import PortableServer__POA
 from omniORB import CORBA, BiDirPolicy
@@ -58,6 +59,8 @@ from robocorba.system.settings import Address, RoleNaming, omniorb_trace
 from robocorba.system.stop_request import StopRequest
 
 CONTEXT = "RoboCorba"
+#: The versions of omniORB and of its Python binding.
+OMNIORB = f"{omniORB.coreVersion()}, omniORBpy {omniORB.__version__}"
 
 #: Options of omniORB 4.2 and 4.3 that differ from their defaults; `Orb(options=...)` changes single ones.
 #: clientConnectTimeOutPeriod is omitted on purpose: on a new connection it would replace the timeout of the call.

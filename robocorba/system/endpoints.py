@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import socket
+
+import psutil
 
 from robocorba.errors.services import ServiceError
 
@@ -25,3 +28,12 @@ def is_free(host: str, port: int) -> bool:
             raise ServiceError(f"{host} is not an address of this machine") from None
         raise ServiceError(f"can't listen on {host}:{port}: {error.strerror}") from None
     return True
+
+
+def user_of(port: int) -> str:
+    """The process that listens on a TCP port of this machine, as far as this user may know it."""
+    with contextlib.suppress(psutil.Error, OSError):
+        for connection in psutil.net_connections("tcp"):
+            if connection.status == psutil.CONN_LISTEN and connection.laddr[1:] == (port,) and connection.pid:
+                return f"process {connection.pid} ({' '.join(psutil.Process(connection.pid).cmdline())[:100]})"
+    return "a process of another user"

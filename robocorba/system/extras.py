@@ -13,13 +13,15 @@ from robocorba.errors.services import ServiceError
 
 def require_extra(extra: str, purpose: str) -> None:
     """Raise ServiceError if a package of an extra is not installed. purpose: what needs it, in the plural."""
-    needed = requirements(extra)
-    missing = [name for name in needed if not _is_installed(name)]
-    if missing:
-        packages = " ".join(f"'{needed[name]}'" for name in missing)
-        checkout = _checkout()
-        install = f"--editable '{checkout}[{extra}]'" if checkout else packages
-        raise ServiceError(f"{purpose} need the extra {extra} ({', '.join(missing)}): pip install {install}")
+    if absent := missing(extra):
+        needed, checkout = requirements(extra), _checkout()
+        install = f"--editable '{checkout}[{extra}]'" if checkout else " ".join(f"'{needed[name]}'" for name in absent)
+        raise ServiceError(f"{purpose} need the extra {extra} ({', '.join(absent)}): pip install {install}")
+
+
+def missing(extra: str) -> list[str]:
+    """The packages of an extra that are not installed."""
+    return [name for name in requirements(extra) if not _is_installed(name)]
 
 
 def requirements(extra: str) -> dict[str, str]:

@@ -4,7 +4,7 @@ Arguments override the environment, which overrides the defaults.
 
 | variable | meaning | default |
 |---|---|---|
-| ROBOCORBA_NAMING | the naming service as HOST:PORT; of a guarded system also the file of a role | 127.0.0.1:2809 |
+| ROBOCORBA_NAMING | the naming service as HOST:PORT, or a role's file | that of ROBOCORBA_STATE, else 127.0.0.1:2809 |
 | ROBOCORBA_STATE | the folder for stores, maps, logs and mission reports | ~/.local/state/robocorba |
 | ROBOCORBA_VALUETYPES | 1: values of valuetypes in events are accepted, at which ill-formed ones end a process | 0 |
 """
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import ipaddress
+import json
 import math
 import os
 import re
@@ -48,6 +49,12 @@ def replace_environment(variables: Mapping[str, str]) -> None:
     """Let this process have these variables only, as one that was started with them."""
     os.environ.clear()
     os.environ.update(variables)
+
+
+def typed_words() -> list[str]:
+    """The words of the command line that a shell asks this process to complete; empty if none does."""
+    words = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS", "")
+    return words.split() if "_ROBOCORBA_COMPLETE" in os.environ else []
 
 
 def limit_ros_discovery() -> None:
@@ -173,10 +180,11 @@ def robot_keys(access: Path) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of every command."""
+    """The settings of every command. origin: where the address of the naming service is from."""
 
     naming: Address
     state: Path
+    origin: str = field(default="", compare=False)
 
     @classmethod
     def read(
@@ -189,20 +197,28 @@ class Settings:
         """Settings from arguments, environment and defaults. Raises InvalidSetting.
 
         role: what this process is in a guarded system, if nothing says where its naming service is."""
-        address = naming or environment.get("ROBOCORBA_NAMING") or ""
         folder = state or environment.get("ROBOCORBA_STATE") or platformdirs.user_state_dir("robocorba", False)
         checked = _folder(Path(folder), "--state" if state else "ROBOCORBA_STATE")
-        return cls(_naming(address, "--naming" if naming else "ROBOCORBA_NAMING", role_file(checked, role)), checked)
+        variable = environment.get("ROBOCORBA_NAMING") or ""
+        address, origin = (naming, "--naming") if naming else (variable, "ROBOCORBA_NAMING")
+        if "/" in address or address.endswith(".ior"):
+            return cls(RoleNaming.read(Path(address), origin), checked, origin)
+        if not address and os.access(role_file(checked, role), os.R_OK):
+            origin = "the state folder"
+            return cls(RoleNaming.read(role_file(checked, role), origin), checked, f"{origin} {checked}")
+        if not address and (address := _address_in(checked)):
+            origin = f"the state folder {checked}"
+        if not address:  # 2809 is the port registered for CORBA naming services
+            origin, address = f"the default, as nothing runs in {checked}", f"{DEFAULT_HOST}:2809"
+        return cls(Address.parse(address, origin), checked, origin)
 
 
-def _naming(address: str, setting: str, default: Path) -> Address:
-    """From HOST:PORT or a file; without a text from the default file, if there is one that this user may read."""
-    if "/" in address or address.endswith(".ior"):
-        return RoleNaming.read(Path(address), setting)
-    if not address and os.access(default, os.R_OK):
-        return RoleNaming.read(default, "the state folder")
-    # 2809 is the port registered for CORBA naming services.
-    return Address.parse(address or f"{DEFAULT_HOST}:2809", setting)
+def _address_in(state: Path) -> str:
+    """The naming service of the system that runs, or was killed, in a state folder; empty without one."""
+    try:
+        return str(json.loads(read_text(state / "up.json"))["naming"])
+    except (OSError, ValueError, LookupError, TypeError):
+        return ""
 
 
 @dataclass(frozen=True)
@@ -384,18 +400,9 @@ class RobotSettings:
     perceives: bool = False
     is_agent_only: bool = False
 
-    @classmethod
-    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
-        """From `NAME [--adaptor A] [--program FILE] [--floor F] [--at X,Y[,HEADING]] [--channel C] [--record FILE]
-        [--progress] [--protect on|off] [--perceive simulation|sensors] [--agent-only] [--endpoint HOST:PORT]
-        [--naming HOST:PORT] [--state DIR] [-- arguments of the adaptor]`.
-
-        Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
-        given_arguments = list(sys.argv[1:] if arguments is None else arguments)
-        adaptor_arguments: list[str] = []
-        if "--" in given_arguments:
-            cut = given_arguments.index("--")
-            given_arguments, adaptor_arguments = given_arguments[:cut], given_arguments[cut + 1 :]
+    @staticmethod
+    def parser(description: str = "") -> argparse.ArgumentParser:
+        """The parser for a robot's arguments; those of its adaptor follow after `--`."""
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
         parser.add_argument("name", metavar="NAME", help="name of the robot")
         parser.add_argument(
@@ -437,7 +444,18 @@ class RobotSettings:
         parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
         parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
         parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
-        given = parser.parse_args(given_arguments)
+        return parser
+
+    @classmethod
+    def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
+        """From the arguments of `parser`. Raises InvalidSetting; SystemExit with a usage line for unknown or missing
+        arguments."""
+        given_arguments = list(sys.argv[1:] if arguments is None else arguments)
+        adaptor_arguments: list[str] = []
+        if "--" in given_arguments:
+            cut = given_arguments.index("--")
+            given_arguments, adaptor_arguments = given_arguments[:cut], given_arguments[cut + 1 :]
+        given = cls.parser(description).parse_args(given_arguments)
         if given.agent_only and given.perceive == "sensors":
             raise InvalidSetting("--perceive", "sensors", "with --agent-only the robot stops before what it sees")
         return cls(

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import inspect
+import json
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
+from typer.main import get_command
 from typer.testing import CliRunner, Result
 
-from robocorba.commands import command
+from robocorba.commands import SUBCOMMANDS, command
 from robocorba.errors.files import OutputError
 from robocorba.map_editor import native
 from robocorba.system.output_files import check_output, write_outputs
@@ -60,6 +67,61 @@ def run(*words: str) -> Result:
 def test_help_is_the_same_where_no_subcommand_is_loaded() -> None:
     shown, loaded = (CliRunner().invoke(command(only_for_help=each), ["--help"]) for each in (True, False))
     assert (shown.output, shown.exit_code) == (loaded.output, 0)
+
+
+def leaves(name: str) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """The words and the object of each command below a subcommand."""
+    waiting: list[tuple[tuple[str, ...], Any]] = [((name,), get_command(command([name])).commands[name])]
+    for words, each in waiting:
+        inner = getattr(each, "commands", {})
+        waiting += [((*words, word), one) for word, one in inner.items()]
+        if not inner:
+            yield words, each
+
+
+@pytest.mark.parametrize("name", SUBCOMMANDS)
+def test_each_command_shows_its_whole_help_within_80_columns_and_facts_as_json_too(name: str) -> None:
+    for words, found in leaves(name):
+        shown = CliRunner().invoke(command([name]), [*words, "-h"], env={"COLUMNS": "80", "NO_COLOR": "1"})
+        assert shown.exit_code == 0 and max(map(len, shown.output.splitlines())) <= 80, words
+        helps = " ".join([found.help, *(option.help or "" for option in found.params)])
+        assert set(re.findall(r"[\[\]\w]+", helps)) <= set(re.findall(r"[\[\]\w]+", shown.output))
+        assert "<bool>" not in shown.output
+        prints_facts = re.search(r"(?<!def )(?<![.\w])(show|print_json)\(", inspect.getsource(found.callback))
+        has_json = any("--json" in option.opts for option in found.params)
+        assert has_json or not prints_facts or words == ("up",), words
+
+
+def test_words_are_completed_and_quietly_not_where_nothing_runs(tmp_path: Path) -> None:
+    environment = os.environ | {"ROBOCORBA_STATE": str(tmp_path), "ROBOCORBA_NAMING": "127.0.0.1:1"}
+    for typed, found in (("sim", "simulation"), ("map show five", "five-floors"), ("watch --floor L", "")):
+        environment |= {"_ROBOCORBA_COMPLETE": "complete_bash", "COMP_WORDS": f"robocorba {typed}"}
+        environment["COMP_CWORD"] = str(len(typed.split()))
+        call = (sys.executable, "-m", "robocorba")
+        ran = subprocess.run(call, capture_output=True, text=True, timeout=60, env=environment)
+        assert (ran.stdout.strip(), ran.returncode, ran.stderr) == (found, 0, "")
+
+
+def test_files_to_start_from_are_valid() -> None:
+    for words in (("map", "new", "lab.yaml"), ("program", "new", "lab.json")):
+        assert run(*words).exit_code == 0
+    assert run("map", "check", "lab.yaml").output.startswith("lab.yaml is valid: 1 floors, 5 walls, 2 nodes, 1 edges")
+    checked = json.loads(run("program", "check", "lab.json", "--building", "five-floors", "--json").output)
+    assert (native.load("lab.yaml").name, checked["is_valid"], checked["findings"]) == ("lab", True, [])
+
+
+def test_containers_call_commands_with_options_that_exist() -> None:
+    """No container runs here."""
+    text, image = (Path(__file__).parents[2].joinpath(name).read_text() for name in ("compose.yaml", "Dockerfile"))
+    services = yaml.safe_load(text)["services"]
+    calls = [*(each["command"] for each in services.values()), services["system"]["healthcheck"]["test"][2:]]
+    calls += list(map(json.loads, re.findall(r"(?:RUN|CMD) (\[.*\])", image)))
+    calls += [line.split() for line in re.findall("exec system robocorba (.*)", text)]
+    assert len(calls) == 7 and "USER robocorba" in image
+    for words in ([word for word in call if word != "robocorba"] for call in calls):
+        found = {" ".join(path): each for path, each in leaves(words[0])}
+        path = next(path for path in found if " ".join(words).startswith(path))
+        found[path].make_context(path, words[len(path.split()) :])
 
 
 @pytest.mark.parametrize(("typed", "option", "purpose"), WITHOUT_EFFECT)
@@ -169,6 +231,9 @@ def test_a_folder_with_more_than_a_bag_is_kept() -> None:
         (("map", "export", "five-floors", "out.yaml", "-f", "nav2"), "out-L3.geojson"),
         (("map", "export", "paper-scene", "out.yaml", "-f", "native"), "out.yaml"),
         (("robot-model", "urdf", "out.urdf"), "out.urdf"),
+        (("map", "new", "out.yaml"), "out.yaml"),
+        (("program", "new", "out.json"), "out.json"),
+        (("samples", "copy", "fleet.yaml"), "fleet.yaml"),
     ],
 )
 def test_an_edited_file_is_kept_without_force(arguments: tuple[str, ...], output: str) -> None:
@@ -183,18 +248,8 @@ def test_an_edited_file_is_kept_without_force(arguments: tuple[str, ...], output
     assert run(*arguments).exit_code == 0  # the same content again
 
 
-#: Modules of such commands, and what they load when they are called.
-LIGHT = (
-    "commands.robot",
-    "robot.corba.emergency_stop",
-    "commands.status",
-    "commands.watch",
-    "commands.mission",
-    "commands.program_run",
-    "commands.foxglove",
-    "commands.ros2",
-    "commands.openrtm",
-)
+#: Modules of all commands, and what `stop` loads when it is called.
+LIGHT = (*sorted({f"commands.{module}" for module, *_ in SUBCOMMANDS.values()}), "robot.corba.emergency_stop")
 #: What takes long to load: half of the time until a robot is ordered to stop.
 HEAVY = ("numba", "mujoco", "pymunk", "matplotlib")
 

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import pathlib
+import re
 from types import SimpleNamespace
 from typing import Any
 
@@ -19,10 +20,11 @@ from typer.testing import CliRunner
 
 from robocorba.commands import command, event_stats
 from robocorba.commands.events import json_line, text_line
-from robocorba.commands.fleet_view import LinesView, TableView, starting_of, table_of, view_for
+from robocorba.commands.fleet_view import FleetView, starting_of, table_of
 from robocorba.commands.mission import follow_mission
-from robocorba.commands.path import as_table, parse_place
-from robocorba.commands.up import as_table as as_system_table
+from robocorba.commands.path import parse_place, sheet_of
+from robocorba.commands.tables import show
+from robocorba.commands.up import sheet_of as sheet_of_system
 from robocorba.errors.paths import InvalidRequest
 from robocorba.events.corba.event_client import Event
 from robocorba.map_editor import native
@@ -33,6 +35,7 @@ from robocorba.simulation.mission_record import MissionContent, MissionResult, M
 from robocorba.stubs import RoboCorba
 from robocorba.system.corba.servers import probe_of, servers
 from robocorba.system.corba.subnets import default_subnets, parse_subnets, subnets_of_map
+from robocorba.system.logs import one_line
 from robocorba.system.processes import RobotOrder, RobotProgress
 from robocorba.system.settings import InvalidSetting
 from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord
@@ -84,7 +87,7 @@ VALUES = st.recursive(
 @given(payload=VALUES, words=st.text(), moment=st.floats())
 def test_any_event_is_one_line(payload: Any, words: str, moment: float) -> None:
     one = event(payload, type=words, source=words, time=moment)
-    assert text_line(one).isprintable()
+    assert text_line(one) == one_line(text_line(one))
     assert len(json_line(one).splitlines()) == 1
     assert json.loads(json_line(one))["source"] == words
 
@@ -116,37 +119,43 @@ def state() -> Any:
 
 
 def test_without_a_terminal_a_row_is_a_line(capsys: pytest.CaptureFixture[str]) -> None:
-    event_stats.show({"lab": state(), "hall": "does not answer"})
+    show(*event_stats.sheets({"lab": state(), "hall": "does not answer"}))
+    sums = ["received", "delivered", "unconfirmed", "discarded", "expired", "queued"]
     assert [line.split("\t") for line in capsys.readouterr().out.splitlines()] == [
-        ["lab", "proxy", "push consumer", "[/]", "", "connected", "", "5", "5", "0", "0", "0", "0"],
+        ["channel", "federation", "disconnected after failures", "problem"],
+        ["lab", "hall, lab", "1", ""],
+        ["hall", "", "", "does not answer"],
+        [""],
+        ["channel", "proxy", "name", "client", "condition", "subscribed to", *sums],
+        ["lab", "push consumer", "[/]", "", "connected", "", "5", "5", "0", "0", "0", "0"],
         [
-            *("lab", "proxy", "push supplier", "log", "h:1", "stalled (3 failures)"),
+            *("lab", "push supplier", "log", "h:1", "stalled (3 failures)"),
             *("robot.* from A or (a and b from B within 2.5 s)", "5", "3", "0", "0", "0", "2"),
         ],
-        ["lab", "proxy", "pull supplier", "", "", "waiting", "robot.* from A", "4", "0", "0", "0", "0", "4"],
-        ["lab", "link", "from hall", "up", "12.5 ms", "2", "300", "4", "5", "6", "6", "0", "0", "0", "0"],
-        ["lab", "link", "to hall", "down (away)", "12.5 ms", "2", "300", "4", "5", "6", "6", "0", "0", "0", "0"],
-        ["lab", "total", "suppliers", "5", "5", "0", "0", "0", "0"],
-        ["lab", "total", "consumers", "9", "3", "0", "0", "0", "6"],
-        ["lab", "total", "links in", "6", "6", "0", "0", "0", "0"],
-        ["lab", "total", "links out", "6", "6", "0", "0", "0", "0"],
-        ["hall", "problem", "does not answer"],
+        ["lab", "pull supplier", "", "", "waiting", "robot.* from A", "4", "0", "0", "0", "0", "4"],
+        [""],
+        ["channel", "link", "condition", "problem", "lag", "packets", "bytes", "repeated", "unseen", *sums],
+        ["lab", "from hall", "up", "", "12.5 ms", "2", "300", "4", "5", "6", "6", "0", "0", "0", "0"],
+        ["lab", "to hall", "down", "away", "12.5 ms", "2", "300", "4", "5", "6", "6", "0", "0", "0", "0"],
     ]
 
 
 def test_in_a_terminal_it_is_tables(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    # What rich takes for a terminal; others are 80 columns wide whatever COLUMNS says.
-    for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", "200")):
-        monkeypatch.setenv(name, value)
-    event_stats.show({"lab": state(), "hall": "does not answer"})
-    shown = capsys.readouterr().out
-    for word in ("unconfirmed", "[/]", "stalled (3 failures)", "from hall", "to hall: away", "does not answer"):
-        assert word in shown, shown
+    """As wide as it, without the columns that it names if it is narrow; short cells are whole."""
+    for width in ("80", "250"):
+        # What rich takes for a terminal; others are 80 columns wide whatever COLUMNS says.
+        for name, value in (("FORCE_COLOR", "1"), ("TERM", "xterm"), ("COLUMNS", width), ("NO_COLOR", "1")):
+            monkeypatch.setenv(name, value)
+        show(*event_stats.sheets({"lab": state(), "hall": "does not answer"}))
+        shown = re.sub(r"\x1b\[\d*m", "", capsys.readouterr().out)
+        assert max(map(len, shown.splitlines())) <= int(width)
+        assert all(word in shown for word in ("supplier", "from hall", "away", "does not answer", "stalled", "queued"))
+        assert ("wider terminals and --json also show:" in shown) == (width != "250")
 
 
 def test_json_has_the_names_of_the_idl() -> None:
     found = json.loads(json.dumps(event_stats.as_json(state())))
-    assert found["lastNumber"] == 99
+    assert found["last_number"] == 99
     assert found["proxies"][1]["kind"] == "PUSH_SUPPLIER"
     assert found["proxies"][1]["subscribed"][1]["patterns"][1] == {"type": "b", "source": "B"}
     assert found["links"][1]["events"]["received"] == 6
@@ -218,18 +227,16 @@ def test_what_needs_attention_comes_first() -> None:
 
 
 def test_without_a_terminal_each_change_is_a_line_in_one_a_table(capsys: pytest.CaptureFixture[str]) -> None:
-    with view_for(Console(file=io.StringIO())) as view:
-        assert isinstance(view, LinesView)
+    with FleetView(Console(file=io.StringIO())) as view:
         view.show([IDLE, RUNNING])
         view.show([IDLE, RUNNING])
         view.show([IDLE, RUNNING._replace(doing="ended", task="", note="x\ty")])
         view.started()
         view.end(2, 1)
     lines = capsys.readouterr().out.splitlines()
-    assert lines == ["R1\tL1\twaiting\t\t0\t", "R2\tL1\tworking\tdrive\t0\t", "R2\tL1\tended\t\t0\tx\\ty", "ready"]
+    assert lines[1:] == ["R1\tL1\twaiting\t\t0\t", "R2\tL1\tworking\tdrive\t0\t", "R2\tL1\tended\t\t0\tx\\ty", "ready"]
     console = Console(file=io.StringIO(), force_terminal=True, width=120, height=40)
-    with view_for(console) as view:
-        assert isinstance(view, TableView)
+    with FleetView(console) as view:
         view.show([IDLE, DEAD])
         view.started()
         view.end(1, 1)
@@ -274,7 +281,7 @@ def test_paths_and_places() -> None:
         [PointKind.ELEVATOR_ENTRY.value, 1, 0, 1.0, 5.25, 0.0, 3.25, 3.25, 0],
     ]
     console = Console(width=200, record=True, file=io.StringIO())
-    console.print(as_table(Path([list(map(float, row)) for row in rows], names, 7)))
+    console.print(sheet_of(Path([list(map(float, row)) for row in rows], names, 7)))
     text = console.export_text()
     for word in (
         *("x [m]", "y [m]", "heading [°]", "distance [m]", "time [s]", "3.25 m, 3.2 s, 2 points (map version 7)"),
@@ -298,8 +305,8 @@ def test_addresses_are_whole_in_any_terminal() -> None:
     editor = ProcessRecord("map_editor", "running", 123456, "", names, 0.0, 0)
     for width in (60, 80, 200):
         console = Console(width=width, record=True, file=io.StringIO())
-        console.print(as_system_table(SystemRecord("192.168.100.200:28090", 1, 0.0, (editor,))))
-        rows = [line.split("│")[3].strip() for line in console.export_text().splitlines() if line.startswith("│")]
+        console.print(sheet_of_system(SystemRecord("192.168.100.200:28090", 1, 0.0, (editor,))))
+        rows = [line.split("│")[-2].strip() for line in console.export_text().splitlines() if line.startswith("│")]
         assert "".join(rows) == "".join(f"corbaname::192.168.100.200:28090#{name}" for name in names)
 
 
@@ -320,13 +327,19 @@ def test_arguments_of_the_adaptor_stay_apart_and_those_that_exclude_each_other_a
 ) -> None:
     given: list[tuple[str, ...]] = []
     monkeypatch.setattr(os, "execv", lambda program, words: given.append(words))
-    for arguments in (
-        ["A", "--floor", "L1"],
-        ["A", "--adaptor", "smartpal", "--naming", "h:1", "--", "--naming", "robot:2", "--pose=1,2,3"],
-        ["--adaptor", "smartpal", "A", "--", "--naming", "robot:2"],
-        *(["A", "--help"], ["--help"]),
+    adaptor = ["--", "--naming", "robot:2", "--pose=1,2,3"]
+    for arguments, handed_on in (
+        (["A", "--floor", "L1", "--at", "-1,2"], ["A", "--floor=L1", "--at=-1,2"]),
+        (
+            ["A", "--adaptor", "smartpal", "--naming", "h:1", *adaptor],
+            ["A", "--adaptor=smartpal", "--naming=h:1", *adaptor],
+        ),
+        (["--progress", "--protect", "on", "A", *adaptor], ["A", "--progress", "--protect=on", *adaptor]),
     ):
         assert CliRunner().invoke(command(["robot"]), ["robot", *arguments]).exit_code == 0
-        assert given.pop() == module_command("robocorba.clients.robot", *arguments)
+        assert given.pop() == module_command("robocorba.clients.robot", *handed_on)
+    for wrong in (["A", "--nonsense"], [], ["--help"]):
+        assert CliRunner().invoke(command(["robot"]), ["robot", *wrong]).exit_code == (0 if "--help" in wrong else 2)
+    assert not given
     for arguments in ([], ["--count", "2", "f.yaml"], ["f.yaml", "--floor", "L1"], ["--count", "-1"]):
         assert CliRunner().invoke(command(["robots"]), ["robots", *arguments]).exit_code == 2

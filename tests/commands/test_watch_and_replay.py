@@ -27,17 +27,8 @@ from rich.console import Console
 from typer.testing import CliRunner, Result
 
 from robocorba.commands.replay import replay
-from robocorba.commands.simulation_tables import (
-    SimulationTables,
-    as_tables,
-    clients,
-    elevators,
-    filled_tables,
-    members,
-    robots,
-    sensor,
-    show,
-)
+from robocorba.commands.simulation_tables import as_json, clients, elevators, members, robots, sensor, sheets, with_note
+from robocorba.commands.tables import show
 from robocorba.commands.waiting import Outage, StopSignal
 from robocorba.commands.watch import Camera, film
 from robocorba.errors.services import NotReachable
@@ -46,6 +37,7 @@ from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, BodyK
 from robocorba.simulation.recording import Recorder, Recording
 from robocorba.simulation.system_changes import SystemChanges
 from robocorba.stubs import RoboCorba
+from robocorba.system.logs import one_line
 from testkit.buildings import two_floors
 from tests.waits import outlast, work_for
 
@@ -72,34 +64,32 @@ SENSOR = RoboCorba.SensorState("s1", RoboCorba.SensorLoad(0.31, 0.032, 1234.5, 7
 
 def test_the_tables_of_a_simulation() -> None:
     floors = [view("L1", "A", "B", moments=RIDE), view("L2", moments=STOP)]
-    tables = SimulationTables(
-        [members(STATE)], clients([client("B", "L1")], floors), elevators(floors), [sensor(SENSOR)]
-    )
-    found = {
-        kind: [dict(zip(titles, row, strict=True)) for row in rows] for kind, titles, rows in filled_tables(tables)
-    }
+    tables = {"server": [members(STATE)], "robots": clients([client("B", "L1")], floors)}
+    tables |= {"elevators": elevators(floors), "sensors": [sensor(SENSOR)]}
+    found = [[dict(zip(each.titles, row, strict=True)) for row in each.rows] for each in sheets(tables)]
     lift = ("elevator", "cabin", "height [m]", "doors", "open [%]", "riders", "queue")
-    assert found == {
-        "server": [
+    assert found == [
+        [
             {
                 **{"robots": "2", "limit": "300", "time [s]": "91.8", "pace": "as fast as possible"},
                 **{"achieved": "57.30", "paused": "yes", "collisions": "69", "events/s": "15.8", "map version": "4"},
             }
         ],
-        "robot": [
+        [
             {
                 **{"robot": "B", "floor": "L1", "x [m]": "3.00", "y [m]": "4.00", "heading [°]": "-180"},
                 **{"speed [m/s]": "0.50", "silent [s]": "0.25", "calls/s": "12.5", "latency [ms]": "1.50"},
-                "sensor server": "s1",
+                "served by": "s1",
             }
         ],
-        "elevator": [
+        [
             dict(zip(lift, ("E1", "travelling", "1.75", "closed", "0", "A", "B, C"), strict=True)),
             dict(zip(lift, ("E2", "L1", "0.00", "opening", "50", "", ""), strict=True)),
         ],
-        "sensor": [{"sensor server": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
-    }
-    assert json.loads(json.dumps(tables._asdict()))["robots"][0]["callRate"] == 12.5
+        [{"sensor server": "s1", "robots": "9", "busy [%]": "31", "lag [ms]": "32", "scans/s": "1234.5"}],
+    ]
+    written = json.loads(json.dumps(as_json(tables)))
+    assert (written["robots"][0]["call_rate"], written["server"]["map_version"]) == (12.5, 4)
 
 
 def test_rows_of_robots_and_elevators(capsys: pytest.CaptureFixture[str]) -> None:
@@ -111,28 +101,29 @@ def test_rows_of_robots_and_elevators(capsys: pytest.CaptureFixture[str]) -> Non
     later = {"E1": ElevatorState(3.5, "L2", Doors.OPEN, 1.0, (), ())}
     (found,) = elevators([view("L1", moments=RIDE), view("L2", moments=later)])
     assert (found["cabin"], found["doors"]) == ("L2", "OPEN")
-    assert filled_tables(SimulationTables()) == []
+    assert sheets({}) == []
     found = robots([view("L1", "A"), view("L2", "C")])
-    ((kind, titles, rows),) = filled_tables(SimulationTables(robots=found))
-    assert (kind, titles) == ("robot", ("robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"))
-    assert rows == [("A", "L1", "1.00", "2.00", "90", "0.50"), ("C", "L2", "1.00", "2.00", "90", "0.50")]
-    found = [found[0] | {"nearest": None, "nearestIs": ""}, found[1] | {"nearest": 0.118, "nearestIs": "in no map"}]
-    ((_, titles, rows),) = filled_tables(SimulationTables(robots=found))
-    assert titles[-2:] == ("nearest [m]", "nearest is")
-    assert [row[-2:] for row in rows] == [("", ""), ("0.12", "in no map")]
-    show(SimulationTables(robots=robots([view("L\t1", "A")])))
-    assert capsys.readouterr().out == "robot\tA\tL\\t1\t1.00\t2.00\t90\t0.50\n"
+    (sheet,) = sheets({"robots": found})
+    assert sheet.titles == ["robot", "floor", "x [m]", "y [m]", "heading [°]", "speed [m/s]"]
+    assert sheet.rows == [["A", "L1", "1.00", "2.00", "90", "0.50"], ["C", "L2", "1.00", "2.00", "90", "0.50"]]
+    found = [found[0] | {"nearest": None, "nearest_is": ""}, found[1] | {"nearest": 0.118, "nearest_is": "in no map"}]
+    (sheet,) = sheets({"robots": found})
+    assert sheet.titles[-2:] == ["nearest [m]", "nearest is"]
+    assert [row[-2:] for row in sheet.rows] == [["", ""], ["0.12", "in no map"]]
+    show(*sheets({"robots": robots([view("L\t1", "A")])}))
+    assert capsys.readouterr().out.splitlines()[1:] == ["A\tL\\t1\t1.00\t2.00\t90\t0.50"]
 
 
 @settings(max_examples=30)
 @given(name=st.text(), floor=st.text())
 def test_any_name_is_a_cell_of_one_line(name: str, floor: str) -> None:
-    tables = SimulationTables(
-        robots=robots([view(floor, name)]), elevators=elevators([view(floor, moments={name: STOP["E2"]})])
-    )
-    assert all(cell.isprintable() for _, _, rows in filled_tables(tables) for row in rows for cell in row)
-    console = Console(file=io.StringIO(), width=300)
-    console.print(as_tables(tables, note="gone [/]"))
+    moments = {name: STOP["E2"]}
+    tables = {"robots": robots([view(floor, name)]), "elevators": elevators([view(floor, moments=moments)])}
+    console = Console(file=io.StringIO(), width=3000)
+    console.print(with_note(tables, note="gone [/]"))
+    assert isinstance(console.file, io.StringIO)
+    rows = console.file.getvalue().split("\n")
+    assert (len(rows), rows[-2]) == (12, "gone [/]") and rows == list(map(one_line, rows))
 
 
 # ---- signals and outages ----
@@ -326,12 +317,15 @@ def test_rows_and_pictures_of_a_recording(recording: Path, tmp_path: Path) -> No
     found = replayed(recording)
     assert found.exit_code == 0
     assert found.stdout.splitlines() == [
-        "robot\tR1\tL1\t3.00\t5.00\t0\t1.00",
-        "robot\tR2\tL2\t3.00\t5.00\t0\t1.00",
-        "elevator\tE1\tL1\t0.00\tclosed\t0\t\t",
+        "robot\tfloor\tx [m]\ty [m]\theading [°]\tspeed [m/s]",
+        "R1\tL1\t3.00\t5.00\t0\t1.00",
+        "R2\tL2\t3.00\t5.00\t0\t1.00",
+        "",
+        "elevator\tcabin\theight [m]\tdoors\topen [%]\triders\tqueue",
+        "E1\tL1\t0.00\tclosed\t0\t\t",
     ]
     found = replayed(recording, "--at", "1.01", "--floor", "L2")
-    assert found.stdout.splitlines()[0] == "robot\tR2\tL2\t2.00\t5.00\t0\t1.00"
+    assert found.stdout.splitlines()[1] == "R2\tL2\t2.00\t5.00\t0\t1.00"
     assert "R1" not in found.stdout
     found = replayed(recording, "--png", tmp_path / "a.png", "--at", "1", "--width", "300")
     assert (found.exit_code, found.stdout) == (0, f"drew {tmp_path / 'a.png'}\n")

@@ -91,7 +91,7 @@ def test_a_robot_drives_along_a_path_and_rides(system: Running, system_orb: Orb,
     with pytest.raises(RoboCorba.InvalidDescription) as refused:
         server.registerRobot(robot)
     assert refused.value.reason == "an administrator keeps A out, until `robocorba simulation admit A`"
-    assert said("admit") == "A\n"
+    assert said("admit") == "kept out\nA\n"
     assert said("admit", "A") == "A\tmay log on again\n"
     session = server.registerRobot(robot)
     with contextlib.closing(heartbeats(lambda: [session])):

@@ -161,13 +161,13 @@ def test_watch_says_what_is_nearest_and_who_sees_it(place: Place) -> None:
 
     def seen() -> dict[str, tuple[float | None, str]]:
         rows = read_json(place.virtual.robocorba("watch", "--json"))["robots"]
-        return {row["name"]: (row["nearest"], row["nearestIs"]) for row in rows}
+        return {row["name"]: (row["nearest"], row["nearest_is"]) for row in rows}
 
     found = eventually(lambda: (rows := seen()) and all(kind for _, kind in rows.values()) and rows, PATIENCE_S)
     assert found["A"] == (pytest.approx(1.0, abs=0.001), "actual")  # nothing within reach of its proximity sensors
     assert found["C"] == (pytest.approx(0.9 - RADIUS_M, abs=0.001), "in no map")
     assert found["V"] == (pytest.approx(1.0 - RADIUS_M, abs=0.01), "virtual")  # the wall at its side
-    line = next(line for line in place.virtual.robocorba("watch", "--once").splitlines() if line.startswith("robot\tC"))
+    line = next(line for line in place.virtual.robocorba("watch", "--once").splitlines() if line.startswith("C\t"))
     assert "\t0.50\tin no map\t" in line
 
 

@@ -52,6 +52,7 @@ def test_all_is_served_when_it_is_ready_and_nothing_is_left_after_ctrl_c(
     pid = running.pid("echo")
     assert client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=1.0)._get_mapVersion() == pid
     assert running.printed == [
+        "process\tpid\tobject",
         f"omniNames\t{running.pid('omniNames')}\tcorbaname::{running.naming}",
         f"echo\t{pid}\tcorbaname::{running.naming}#RoboCorba/PathPlanner",
     ]
@@ -64,11 +65,21 @@ def test_all_is_served_when_it_is_ready_and_nothing_is_left_after_ctrl_c(
     assert echo["memory_mib"] > 1 and echo["uptime_s"] > 0 and echo["restarts"] == 0
     assert [thing["name"] for thing in echo["objects"]] == ["RoboCorba/PathPlanner"]
     assert 0 < echo["objects"][0]["answered_ms"] < 2000
+    state = ("--state", str(running.state))
+    found = read_json(launch(ROBOCORBA, "doctor", "--json", *state).communicate(timeout=60)[0])
+    facts = {fact["what"]: fact["found"] for fact in found["facts"]}
+    assert f"{running.naming}, from the state folder {running.state}; used by process" in facts["naming service"]
+    assert [each["name"] for each in found["processes"]] == ["omniNames", "echo"]
+    assert f"echo started with process id {pid}" in launch(ROBOCORBA, "logs", "up", *state).communicate(timeout=60)[0]
+    follower = launch(ROBOCORBA, "logs", "up", "-f", "--lines", "0", *state)
     hang(pid)
     code, out = status(launch, running)
-    assert (code, "RoboCorba/PathPlanner\tRoboCorba/PathPlanner is not reachable" in out) == (1, True)
+    assert (code, "\tPathPlanner\tRoboCorba/PathPlanner is not reachable" in out) == (1, True)
     os.kill(pid, signal.SIGCONT)
     assert running.stop(signal.SIGINT) == 0
+    assert follower.stdout and follower.stdout.readline().endswith("up stopped\n")
+    follower.send_signal(signal.SIGINT)
+    assert follower.wait(30.0) == 0
     assert running.left_behind() == []
     assert len(running.descendants) == 3  # with the warm parent
     assert not (running.state / "up.json").exists()
@@ -156,6 +167,7 @@ def test_ports_in_use_are_one_line_and_ports_are_remembered(echo_up: Start, clie
     with socket.create_server(("127.0.0.1", naming_port)):
         said = refusal(echo_up().process)
     assert said.startswith(f"robocorba up: port {naming_port} on 127.0.0.1, wanted for the naming service, is in use")
+    assert f"process {os.getpid()} (" in said
     with socket.create_server(("127.0.0.1", naming_port + 1)):
         first = echo_up().wait_ready()
         planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
