@@ -1,5 +1,5 @@
 """How much there is of everything: the numbers may only fall. Whoever makes something smaller lowers its number. Only a
-part of the paper that was missing may raise it: last the robot's perception, panel, upload, and scans for monitors."""
+part that was promised and missing may raise it: last the senses of robots that speak ROS 2, and their tests."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_249,
-    "classes": 966,
+    "lines of code": 52_179,
+    "classes": 967,
     "upper-case names of modules": 1_077,
     "kernels": 66,
     "functions compiled within kernels": 76,
@@ -23,7 +23,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_479, "testkit": 7_070, "bench": 10_020, "robocorba/console/static": 11_720}
+LINES_AT_MOST = {"tests": 53_806, "testkit": 7_119, "bench": 10_005, "robocorba/console/static": 11_717}
 WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_040, "CHANGELOG.md": 2_150}
 
 

@@ -23,10 +23,7 @@ def access() -> None:
 
 
 @app.command()
-def robot(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the robot.")],
-    state: State = None,
-) -> None:
+def robot(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the robot.")], state: State = None) -> None:
     """Print the file by which one robot takes part, as itself only: it binds its own name, logs on by it, publishes
     events with it as their source, and stores missions that it leads. Remove the file to end that right."""
     with reporting("access"):

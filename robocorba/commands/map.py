@@ -60,8 +60,7 @@ def import_(
         UnknownCells, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
     ] = "blocked",
     specks: Annotated[
-        Specks,
-        typer.Option("--specks", help="Small regions of ROS maps: keep, remove those at walls, or all."),
+        Specks, typer.Option("--specks", help="Small regions of ROS maps: keep, remove those at walls, or all.")
     ] = "walls",
     force: Force = False,
 ) -> None:

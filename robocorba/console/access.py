@@ -27,11 +27,7 @@ SESSION_S = 12 * 3600.0
 MAX_WAITING = 20
 #: Longest body of a log-in [bytes].
 MAX_FORM = 4096
-_HEADERS = {
-    "X-Frame-Options": "DENY",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",
-}
+_HEADERS = {"X-Frame-Options": "DENY", "X-Content-Type-Options": "nosniff", "Referrer-Policy": "same-origin"}
 _PANEL = "/panel/"
 
 

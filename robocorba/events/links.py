@@ -57,12 +57,7 @@ class Links:
     """All links of `channel`, kept in `store`. attach: returns a function that connects with a foreign channel."""
 
     def __init__(
-        self,
-        channel: Channel,
-        store: ChannelStore,
-        join: Join,
-        attach: Callable[[Peer], Attach],
-        policy: LinkPolicy,
+        self, channel: Channel, store: ChannelStore, join: Join, attach: Callable[[Peer], Attach], policy: LinkPolicy
     ) -> None:
         self._channel, self._store, self._join, self._attach = channel, store, join, attach
         self._policy = policy

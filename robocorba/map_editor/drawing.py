@@ -66,11 +66,7 @@ _MARKS: dict[str, tuple[str, str, float, str]] = {
 
 
 def draw_floor(
-    building: Building,
-    floor: str,
-    *,
-    path: Sequence[PathMark] | None = None,
-    width_px: int = 1200,
+    building: Building, floor: str, *, path: Sequence[PathMark] | None = None, width_px: int = 1200
 ) -> Image.Image:
     """A floor as an RGB picture `width_px` wide, +y up; its height follows from the floor (at most MAX_PIXELS).
 
@@ -96,10 +92,7 @@ def draw_floor(
 
 
 def draw_building(
-    building: Building,
-    *,
-    paths: Mapping[str, Sequence[PathMark]] | None = None,
-    width_px: int = 1200,
+    building: Building, *, paths: Mapping[str, Sequence[PathMark]] | None = None, width_px: int = 1200
 ) -> Image.Image:
     """All floors in one RGB picture, the highest first. `paths` holds marks by floor.
 

@@ -87,10 +87,7 @@ class EditSessions:
     """The sessions of the authors who edit a building. Safe from any thread. `clock` returns the time [s]."""
 
     def __init__(
-        self,
-        editor: BuildingEditor,
-        limits: MapLimits = DEFAULT_LIMITS,
-        clock: Callable[[], float] = time.monotonic,
+        self, editor: BuildingEditor, limits: MapLimits = DEFAULT_LIMITS, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self.editor, self._limits = editor, limits
         self.lock = threading.Lock()

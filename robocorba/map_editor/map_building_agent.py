@@ -140,13 +140,7 @@ class BuildingEditor:
         return self._edit(lambda draft, state: draft.remove(state, kind, floor, name, expected), by)
 
     def rename(
-        self,
-        kind: ElementKind,
-        floor: str,
-        name: str,
-        new_name: str,
-        expected: int,
-        by: AuthorHistory | None = None,
+        self, kind: ElementKind, floor: str, name: str, new_name: str, expected: int, by: AuthorHistory | None = None
     ) -> int:
         """Rename an element, also where others refer to it: nodes in edges, elevators in nodes, floors in elevators.
 

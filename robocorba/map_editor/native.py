@@ -165,11 +165,7 @@ def _index(at: str, entries: list[dict[str, Any]], name: str) -> str:
 
 def dumps(building: Building) -> str:
     """A building as the text of a native map file. Loading the text gives an equal building."""
-    out = [
-        "robocorba: 1",
-        f"name: {_flow(building.name)}",
-        "floors:" if building.floors else "floors: []",
-    ]
+    out = ["robocorba: 1", f"name: {_flow(building.name)}", "floors:" if building.floors else "floors: []"]
     gateways = _common_gateways(building)
     for name, entry in building.floors.items():
         floor = msgspec.to_builtins(entry.floor)

@@ -28,14 +28,7 @@ from robocorba.map_editor.changes import Change, EditorState, ElementKey, Versio
 from robocorba.map_editor.edits import EditRecord
 from robocorba.map_editor.element_rules import size_of
 from robocorba.map_editor.model import TYPE_OF, Area, Building, Element, ElementKind
-from robocorba.map_editor.pages import (
-    MAX_PAGE_LENGTH,
-    ChangePage,
-    ChangePosition,
-    ElementPage,
-    Selection,
-    building_of,
-)
+from robocorba.map_editor.pages import MAX_PAGE_LENGTH, ChangePage, ChangePosition, ElementPage, Selection, building_of
 from robocorba.map_editor.underlays import Underlay
 from robocorba.system import sqlite_files
 from robocorba.system.damaged_files import restore_advice

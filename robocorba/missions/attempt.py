@@ -310,9 +310,7 @@ class Attempt:
             if all(now - at >= self._policy.member_timeout_s for at in received_at):
                 return
         _log.warning(
-            "mission %s: not all robots reported their end within %g s",
-            self.plan.mission,
-            self._policy.end_timeout_s,
+            "mission %s: not all robots reported their end within %g s", self.plan.mission, self._policy.end_timeout_s
         )
 
     # ---- messages ----

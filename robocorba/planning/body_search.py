@@ -100,13 +100,7 @@ def distances_to_goal(lattice: Lattice, goals: Floats, radius_m: float) -> Float
 
 
 def find_routes(
-    grid: Grid,
-    body: CapsuleBody,
-    lattice: Lattice,
-    to_goal_m: Floats,
-    sources: Floats,
-    goals: Floats,
-    margin_m: float,
+    grid: Grid, body: CapsuleBody, lattice: Lattice, to_goal_m: Floats, sources: Floats, goals: Floats, margin_m: float
 ) -> tuple[list[LatticeRoute], Bytes]:
     """Routes on the lattice that keep `margin_m` from obstacles, from sources (n, 4: pose and initial cost) to goals
     (m, 3), and the points reached (rows, columns). to_goal_m: the result of `distances_to_goal` for the goals.
@@ -357,15 +351,7 @@ def _motion_cost(a: Floats, b: Floats, weight: float) -> float:
 
 @inner_kernel
 def _is_shortcut(
-    grid: Grid,
-    body: CapsuleBody,
-    margin: float,
-    preferred: float,
-    route: Floats,
-    i: int,
-    j: int,
-    a: Floats,
-    b: Floats,
+    grid: Grid, body: CapsuleBody, margin: float, preferred: float, route: Floats, i: int, j: int, a: Floats, b: Floats
 ) -> bool:
     """Whether the straight motion from a pose a of line i to a pose b of line j is free and worth while."""
     weight, cap = TURN_COST * body.reach, 2.0 * preferred + 0.2

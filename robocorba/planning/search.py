@@ -78,15 +78,7 @@ def _can_drive(
 
 @kernel
 def roadmap_connections(
-    grid: Grid,
-    lanes: Floats,
-    xy: Floats,
-    low: int,
-    high: int,
-    x: float,
-    y: float,
-    radius: float,
-    outbound: bool,
+    grid: Grid, lanes: Floats, xy: Floats, low: int, high: int, x: float, y: float, radius: float, outbound: bool
 ) -> tuple[Longs, Floats]:
     """The nodes of low..high-1 that a robot can reach in a straight line from (x, y) or, if not `outbound`, from
     which it can reach (x, y): indices, nearest first, and distances [m]. A place on a node is connected to that node
@@ -359,19 +351,7 @@ def find_path(
     nodes, lengths = np.empty(0, np.int64), np.empty(0)
     start, goal = (start_floor, start_x, start_y), (goal_floor, goal_x, goal_y)
     status, route = find_route(
-        world,
-        heuristics,
-        rules,
-        start,
-        nodes,
-        lengths,
-        goal,
-        nodes,
-        lengths,
-        radius,
-        COST_IN_METRES,
-        bool(1),
-        lengths,
+        world, heuristics, rules, start, nodes, lengths, goal, nodes, lengths, radius, COST_IN_METRES, bool(1), lengths
     )
     if status != FOUND:
         return False, route

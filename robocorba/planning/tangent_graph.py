@@ -26,16 +26,7 @@ from robocorba.planning.dead_ends import DeadEnds, near_core
 from robocorba.planning.floor_mesh import FloorMesh
 from robocorba.planning.road_rules import NO_LANES, path_breaks_rule
 from robocorba.planning.space import FloorSpace
-from robocorba.planning.tangent_search import (
-    DONE,
-    NO_ROOM,
-    UNKNOWN,
-    Arcs,
-    Labels,
-    Lines,
-    Radii,
-    search,
-)
+from robocorba.planning.tangent_search import DONE, NO_ROOM, UNKNOWN, Arcs, Labels, Lines, Radii, search
 from robocorba.planning.turns import ALONE, Turn
 from robocorba.planning.visible_region import make_scratch
 

@@ -302,21 +302,7 @@ def search(
             size += 1
         if has_start_lines:
             links, linked, done = _link_goal(
-                mesh,
-                xy,
-                grid,
-                arcs,
-                labels,
-                scratch,
-                ends,
-                start_x,
-                start_y,
-                goals,
-                g,
-                limit,
-                radii,
-                links,
-                linked,
+                mesh, xy, grid, arcs, labels, scratch, ends, start_x, start_y, goals, g, limit, radii, links, linked
             )
             work += done
 

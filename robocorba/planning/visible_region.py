@@ -12,15 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
-from robocorba.planning.triangulation import (
-    Mesh,
-    corner_of,
-    edge_to,
-    first_of_star,
-    locate,
-    next_in_star,
-    on_lattice,
-)
+from robocorba.planning.triangulation import Mesh, corner_of, edge_to, first_of_star, locate, next_in_star, on_lattice
 from robocorba.system.kernels import inner_kernel, kernel
 
 #: Distance beside a ray within which a vertex counts as seen [steps of the lattice].

@@ -630,8 +630,4 @@ def follow_velocity(robot: RobotState, body: Pose) -> Velocity:
     error_rad = math.remainder(robot.heading - body.heading, math.tau)
     ahead, left = turned(robot.velocity[0], robot.velocity[1], error_rad)
     error_ahead, error_left = into(robot.x, robot.y, body[1:])
-    return (
-        ahead + gain * error_ahead,
-        left + gain * error_left,
-        robot.velocity[2] + gain * error_rad,
-    )
+    return (ahead + gain * error_ahead, left + gain * error_left, robot.velocity[2] + gain * error_rad)

@@ -27,10 +27,7 @@ class PostureReport:
     Call `update` every INTERVAL_S in a thread of its own: a server that hangs must not stop the robot."""
 
     def __init__(
-        self,
-        read: Callable[[], Floats],
-        report: Callable[[Floats], None],
-        clock: Callable[[], float] = time.monotonic,
+        self, read: Callable[[], Floats], report: Callable[[Floats], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._read, self._report, self._clock = read, report, clock
         self._reported: Floats = np.zeros(0)

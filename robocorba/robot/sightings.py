@@ -12,15 +12,7 @@ from typing import Any
 from shapely import Point
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.map_editor.sightings import (
-    MAX_SEEN,
-    ObstaclesSeen,
-    SeenObstacle,
-    corners,
-    is_same,
-    seen_of,
-    shape_of,
-)
+from robocorba.map_editor.sightings import MAX_SEEN, ObstaclesSeen, SeenObstacle, corners, is_same, seen_of, shape_of
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.planning.temporary_obstacles import NO_OBSTACLES, TemporaryObstacles
 from robocorba.robot.perception import SeenThing

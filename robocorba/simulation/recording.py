@@ -123,11 +123,7 @@ _RECORD_HEAD = struct.Struct("<BQ")
 
 #: Records that are read, and their maximum sizes in the file [bytes]; others are skipped. One that can't be compressed
 #: is a little longer than its content.
-_MAX_RECORDS = {
-    Opcode.HEADER: MAX_CHUNK_BYTES,
-    Opcode.ATTACHMENT: 2 * MAX_MAP_BYTES,
-    Opcode.CHUNK: 2 * MAX_CHUNK_BYTES,
-}
+_MAX_RECORDS = {Opcode.HEADER: MAX_CHUNK_BYTES, Opcode.ATTACHMENT: 2 * MAX_MAP_BYTES, Opcode.CHUNK: 2 * MAX_CHUNK_BYTES}
 
 
 class _RecordedMessage(NamedTuple):

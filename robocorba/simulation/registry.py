@@ -12,13 +12,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from robocorba.errors.simulation import (
-    InvalidDescription,
-    NameTaken,
-    ServerFull,
-    SessionExpired,
-    UnknownRobot,
-)
+from robocorba.errors.simulation import InvalidDescription, NameTaken, ServerFull, SessionExpired, UnknownRobot
 from robocorba.map_editor.spatial.pose import Limits, Pose
 
 #: Lease of a robot [s]: it is logged off after this time without a call.

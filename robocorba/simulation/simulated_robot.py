@@ -25,12 +25,7 @@ class SimulatedRobot:
     """A robot in the building. Its methods and `holding` are thread-safe. name_of: names an object by its body."""
 
     def __init__(
-        self,
-        description: Description,
-        number: int,
-        floor: str,
-        physics: FloorPhysics,
-        name_of: Callable[[str], str],
+        self, description: Description, number: int, floor: str, physics: FloorPhysics, name_of: Callable[[str], str]
     ) -> None:
         self.description, self.number = description, number
         self.body = robot_body(description.name)

@@ -75,12 +75,10 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (SERVERS, "registerSensor reportSensor reportScans"),
     ),
     "VirtualSensor": _rules(
-        (EVERYBODY, "_get_release _get_load scan scanMany laser proximity"),
-        (SERVERS, "forRobot dismiss"),
+        (EVERYBODY, "_get_release _get_load scan scanMany laser proximity"), (SERVERS, "forRobot dismiss")
     ),
     "MissionControl": _rules(
-        (EVERYBODY, "_get_release missionsSince mission leaders report"),
-        (OPERATORS, "start abort"),
+        (EVERYBODY, "_get_release missionsSince mission leaders report"), (OPERATORS, "start abort")
     ),
     "RobotAgent": _rules(
         (EVERYBODY, "_get_release _get_name _get_state _get_program _get_channel _get_pool _get_path _get_mission"),
@@ -89,14 +87,8 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
         (OPERATORS, "fingerprint upload"),
         (OPERATORS, "startMission leadMission abortMission switchAdaptor setSpeedCap"),
     ),
-    "RobotAdaptor": _rules(
-        (EVERYBODY, "read"),
-        (ROBOTS, "start stop write"),
-    ),
-    "SensingAdaptor": _rules(
-        (EVERYBODY, "read rangeSensors ranges readings"),
-        (ROBOTS, "start stop write"),
-    ),
+    "RobotAdaptor": _rules((EVERYBODY, "read"), (ROBOTS, "start stop write")),
+    "SensingAdaptor": _rules((EVERYBODY, "read rangeSensors ranges readings"), (ROBOTS, "start stop write")),
     "EventChannel": _rules(
         (EVERYBODY, "_get_release _get_name state subscribe for_consumers routeBack"),
         (PUBLISHERS, "supply for_suppliers"),

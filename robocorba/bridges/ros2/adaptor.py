@@ -52,11 +52,7 @@ class Ros2Adaptor(RobotAdaptor):
     waits_for = "the ROS 2 robot"
 
     def __init__(
-        self,
-        name: str,
-        body_pose: Callable[[], Frame],
-        last_pose: Frame | None = None,
-        start_limit_s: float = 10.0,
+        self, name: str, body_pose: Callable[[], Frame], last_pose: Frame | None = None, start_limit_s: float = 10.0
     ) -> None:
         self._name, self._body_pose, self._pose = name, body_pose, last_pose
         self._start_limit_s = start_limit_s

@@ -158,12 +158,7 @@ class Messages:
         """The state of something for /diagnostics."""
         pairs = [self._make("diagnostic_msgs/msg/KeyValue", key=key, value=value) for key, value in values.items()]
         return self._make(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=level,
-            name=name,
-            message=text,
-            hardware_id=name,
-            values=pairs,
+            "diagnostic_msgs/msg/DiagnosticStatus", level=level, name=name, message=text, hardware_id=name, values=pairs
         )
 
     def statuses(self, time_s: float, statuses: Sequence[Any]) -> Any:

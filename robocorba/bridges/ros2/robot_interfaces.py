@@ -26,14 +26,7 @@ class RobotInterfaces:
     """Makes interfaces of robots that come, closes those of robots that leave, and publishes `/diagnostics`, until
     `close`."""
 
-    def __init__(
-        self,
-        orb: Orb,
-        node: RosNode,
-        publisher: RosPublisher,
-        frames: Frames,
-        is_stamped: bool,
-    ) -> None:
+    def __init__(self, orb: Orb, node: RosNode, publisher: RosPublisher, frames: Frames, is_stamped: bool) -> None:
         self._orb, self._node, self._publisher = orb, node, publisher
         self._frames, self._is_stamped = frames, is_stamped
         self._robots: dict[str, tuple[RobotOrders, RobotInterface]] = {}

@@ -30,12 +30,7 @@ class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
     (of a reference)."""
 
     def __init__(
-        self,
-        channel: Channel,
-        proxies: Proxies,
-        links: Links,
-        objects: Any,
-        on_destroyed: Callable[[], None],
+        self, channel: Channel, proxies: Proxies, links: Links, objects: Any, on_destroyed: Callable[[], None]
     ) -> None:
         self._channel, self._proxies, self._links, self._objects = channel, proxies, links, objects
         self._on_destroyed = on_destroyed

@@ -95,13 +95,7 @@ class EventClient:
         self._call(header, lambda: self._proxy_consumer().pushEvent(event), retry_s)
 
     def push_many(
-        self,
-        type: str,
-        payloads: Iterable[Any],
-        *,
-        priority: int = 0,
-        expiry_s: float = 0.0,
-        retry_s: float = RETRY_S,
+        self, type: str, payloads: Iterable[Any], *, priority: int = 0, expiry_s: float = 0.0, retry_s: float = RETRY_S
     ) -> None:
         """Publish events of one type in one call, in order. Raises the errors of `push`."""
         packed = [_packed(payload) for payload in payloads]

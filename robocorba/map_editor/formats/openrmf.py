@@ -38,7 +38,7 @@ _LEVEL_KEYS = {
     *("flattened_x_offset", "flattened_y_offset", "x_meters", "y_meters"),
 }
 _FILE_KEYS = {
-    *("name", "building_name", "coordinate_system", "parameters", "graphs", "levels", "lifts", "reference_level_name"),
+    *("name", "building_name", "coordinate_system", "parameters", "graphs", "levels", "lifts", "reference_level_name")
 }
 
 

@@ -17,16 +17,7 @@ import yaml
 
 from robocorba.map_editor.geometry import bounds, obstacles
 from robocorba.map_editor.losses import Losses
-from robocorba.map_editor.model import (
-    Building,
-    CabinSide,
-    Door,
-    DoorKind,
-    Elevator,
-    FloorMap,
-    MapObject,
-    PolygonShape,
-)
+from robocorba.map_editor.model import Building, CabinSide, Door, DoorKind, Elevator, FloorMap, MapObject, PolygonShape
 from robocorba.map_editor.spatial.pose import XY
 
 

@@ -47,13 +47,7 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     its sub-network."""
 
     def __init__(
-        self,
-        agent: ControlAgent,
-        pool: Any,
-        sensors: Any,
-        channel: str,
-        others: OtherRobots,
-        programs: CheckedPrograms,
+        self, agent: ControlAgent, pool: Any, sensors: Any, channel: str, others: OtherRobots, programs: CheckedPrograms
     ) -> None:
         self._agent, self._pool, self._sensors, self._channel = agent, pool, sensors, channel
         self._others, self._programs = others, programs

@@ -24,13 +24,7 @@ from robocorba.orb.remote_object import translated
 from robocorba.robot.corba.remote_agent import CALM, RemoteAgent, order_all, robots
 from robocorba.robot.corba.stop_target import stop_at
 from robocorba.simulation.corba import sessions
-from robocorba.simulation.emergency_stops import (
-    UNTIL_RESET,
-    StopAnswer,
-    StopEvent,
-    StopRecord,
-    StopState,
-)
+from robocorba.simulation.emergency_stops import UNTIL_RESET, StopAnswer, StopEvent, StopRecord, StopState
 from robocorba.stubs import RoboCorba
 from robocorba.system.background import Background, Workers
 from robocorba.system.names import CHANNELS, STOP_EVENT

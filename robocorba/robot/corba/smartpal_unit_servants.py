@@ -14,13 +14,7 @@ from robocorba.robot.smartpal_stand_in.codes import Alarm, AlarmType, ReturnCode
 from robocorba.robot.smartpal_stand_in.faults import Faults, InvalidFault
 from robocorba.robot.smartpal_stand_in.mobility import WHEELS, Mobility
 from robocorba.robot.smartpal_stand_in.unit import VERSION, Unit
-from robocorba.stubs import (
-    RoboCorba,
-    RoboCorba__POA,
-    YeRTUnitMobility__POA,
-    _GlobalIDL,
-    _GlobalIDL__POA,
-)
+from robocorba.stubs import RoboCorba, RoboCorba__POA, YeRTUnitMobility__POA, _GlobalIDL, _GlobalIDL__POA
 
 
 def _asks(operation: Callable[..., Any]) -> Callable[..., Any]:

@@ -50,12 +50,7 @@ class ArmChecks:
 
     joints: the robot's angles at the start [rad]; None for the home posture."""
 
-    def __init__(
-        self,
-        report: CheckReport,
-        kinematics: InverseKinematics | None,
-        joints: Floats | None = None,
-    ) -> None:
+    def __init__(self, report: CheckReport, kinematics: InverseKinematics | None, joints: Floats | None = None) -> None:
         self._report, self._kinematics = report, kinematics
         #: Why this robot can't move arms, or empty.
         self._reason = "" if joints is None else _reason_against(joints)

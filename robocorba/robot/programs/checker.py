@@ -142,11 +142,7 @@ class _Interpreter:
     """Follows a program, and adds findings and notes to the report."""
 
     def __init__(
-        self,
-        report: CheckReport,
-        kinematics: InverseKinematics | None,
-        planner: Planner | None,
-        start: Start,
+        self, report: CheckReport, kinematics: InverseKinematics | None, planner: Planner | None, start: Start
     ) -> None:
         self._report = report
         self._arms = ArmChecks(report, kinematics, start.joints)

@@ -15,15 +15,7 @@ from typing import Annotated, Any, Literal, get_args
 from msgspec import Meta, Struct
 
 from robocorba.map_editor.spatial.pose import MAX_CARRIERS
-from robocorba.robot.kinematics.smartpal import (
-    BASE_LIMITS,
-    JOINT_LOWER,
-    JOINT_UPPER,
-    LUMBAR,
-    OPEN_RAD,
-    SHUT_RAD,
-    Side,
-)
+from robocorba.robot.kinematics.smartpal import BASE_LIMITS, JOINT_LOWER, JOINT_UPPER, LUMBAR, OPEN_RAD, SHUT_RAD, Side
 from robocorba.robot.programs.installed_icons import installed
 from robocorba.simulation.sensing.scan import LASER, ray_sensor
 
@@ -84,16 +76,7 @@ GripperAction = Literal["open", "close"]
 Outcome = Literal["done", "stopped", "timed_out", "refused"]
 #: The laser; the nearest of all proximity sensors; each proximity sensor, in the order of the rays of a scan.
 Sensor = Literal[
-    "laser",
-    "proximity",
-    "front",
-    "front_left",
-    "left",
-    "back_left",
-    "back",
-    "back_right",
-    "right",
-    "front_right",
+    "laser", "proximity", "front", "front_left", "left", "back_left", "back", "back_right", "right", "front_right"
 ]
 
 

@@ -7,14 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robocorba.robot.kinematics.smartpal import (
-    GRIP,
-    JOINT_ACCELERATION,
-    JOINT_LOWER,
-    JOINT_SPEED,
-    JOINT_UPPER,
-    Side,
-)
+from robocorba.robot.kinematics.smartpal import GRIP, JOINT_ACCELERATION, JOINT_LOWER, JOINT_SPEED, JOINT_UPPER, Side
 from robocorba.robot.smartpal_stand_in.codes import ReturnCode
 from robocorba.robot.smartpal_stand_in.dynamics import BASE_AXES, Dynamics
 from robocorba.robot.smartpal_stand_in.setpoint import Setpoint, braking_speed

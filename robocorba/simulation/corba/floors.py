@@ -78,13 +78,7 @@ def update_of(struct: Any) -> FloorUpdate:
 def elevators(states: dict[str, ElevatorState]) -> list[Any]:
     return [
         RoboCorba.ElevatorState(
-            name,
-            state.floor,
-            state.height,
-            _DOORS[state.doors],
-            state.opening,
-            list(state.riders),
-            list(state.queue),
+            name, state.floor, state.height, _DOORS[state.doors], state.opening, list(state.riders), list(state.queue)
         )
         for name, state in states.items()
     ]

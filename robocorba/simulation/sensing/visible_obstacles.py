@@ -9,14 +9,7 @@ import numpy as np
 from shapely.geometry.base import BaseGeometry
 
 from robocorba.map_editor.spatial.arrays import Floats, Longs
-from robocorba.map_editor.spatial.grids import (
-    build_grid,
-    cell_starts,
-    column_of,
-    frame_over,
-    row_of,
-    segments_of,
-)
+from robocorba.map_editor.spatial.grids import build_grid, cell_starts, column_of, frame_over, row_of, segments_of
 from robocorba.simulation.sensing.casting import ObstacleGrids, cast
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.system.kernels import inner_kernel, kernel

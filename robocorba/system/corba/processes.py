@@ -15,13 +15,7 @@ _PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
 
 def process_state(state: ProcessState) -> Any:
     return RoboCorba.ProcessState(
-        state.name,
-        _PHASES[state.phase],
-        state.pid,
-        state.restarts,
-        state.since,
-        list(state.bound_names),
-        state.problem,
+        state.name, _PHASES[state.phase], state.pid, state.restarts, state.since, list(state.bound_names), state.problem
     )
 
 

@@ -15,11 +15,7 @@ class PortServant(RTC__POA.PortService):
     """RTC::PortService. peer: the port of a reference; reference: the reverse. owner: the component's reference."""
 
     def __init__(
-        self,
-        name: str,
-        properties: dict[str, str],
-        peer: Callable[[Any], Peer],
-        reference: Callable[[Any], Any],
+        self, name: str, properties: dict[str, str], peer: Callable[[Any], Peer], reference: Callable[[Any], Any]
     ) -> None:
         self._name, self._properties = name, properties
         self._peer, self._reference = peer, reference
