@@ -869,7 +869,7 @@ subject robot_agent {
     refused IllegalOrder {order move condition {is stopped: emergency stop}} {$agent run 0}
     $agent resetStop
     check {[condition] eq "IDLE"}
-    refused UnknownAdaptor {name hovering known {corba simulated smartpal}} {$agent switchAdaptor hovering {}}
+    refused UnknownAdaptor {name hovering known {corba ros2 simulated smartpal}} {$agent switchAdaptor hovering {}}
     refused AdaptorFailed {} {$agent switchAdaptor corba {}}
     $agent switchAdaptor simulated {}
     check {[get [$agent state] adaptor] eq "simulated"}
