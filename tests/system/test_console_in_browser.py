@@ -470,16 +470,20 @@ class Operator:
         self.open("Monitor")
         self.tab("Events")
         events, note = self.page.get_by_label("Events", exact=True), self.page.locator(".scene-note")
+        clock = self.page.locator(".past-note strong")
         events.get_by_label("Search events").fill("carry")
         expect(events.locator("li")).to_have_count(1)
         self.button(re.compile("earlier of this mission"), events).click()
         self.button(re.compile("Carry .* has begun"), events).click()
-        expect(note).to_contain_text("past")
+        expect(clock).to_contain_text(re.compile(r"past: \d"))
+        before = str(clock.text_content())
         events.get_by_label("Search events").fill("")
         self.button(re.compile("R1 runs .*<img"), events).last.click()
+        # The address changes at once, the floor with its moment when the console has answered.
+        expect(clock).not_to_have_text(before)
         expect(self.page.locator(".time-text")).to_contain_text("ago")
         self.page.wait_for_url(re.compile("robot=R1.*at="))
-        moment = str(self.page.locator(".past-note strong").text_content())
+        moment = str(clock.text_content())
         assert self.page.context.browser
         with contextlib.closing(self.page.context.browser.new_page(locale="en-GB")) as linked:
             linked.goto(self.page.url)
