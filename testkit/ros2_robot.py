@@ -43,16 +43,16 @@ def main(wall_x: float) -> None:
         c, s = math.cos(heading), math.sin(heading)
         x, y = x + (c * ahead - s * left) * PERIOD_S, y + (s * ahead + c * left) * PERIOD_S
         heading += turn * PERIOD_S
-        told: Any = Odometry()
-        told.header.stamp = node.get_clock().now().to_msg()
-        told.pose.pose.position.x, told.pose.pose.position.y = x, y
-        told.pose.pose.orientation.z, told.pose.pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
-        told.twist.twist.linear.x, told.twist.twist.linear.y, told.twist.twist.angular.z = ahead, left, turn
-        odometry.publish(told)
+        state: Any = Odometry()
+        state.header.stamp = node.get_clock().now().to_msg()
+        state.pose.pose.position.x, state.pose.pose.position.y = x, y
+        state.pose.pose.orientation.z, state.pose.pose.orientation.w = math.sin(heading / 2), math.cos(heading / 2)
+        state.twist.twist.linear.x, state.twist.twist.linear.y, state.twist.twist.angular.z = ahead, left, turn
+        odometry.publish(state)
         ticks += 1
         if ticks % 5 == 0:
             scan: Any = LaserScan(range_min=0.05, range_max=8.0, angle_min=-math.pi / 2, angle_max=math.pi / 2)
-            scan.header.stamp, scan.angle_increment = told.header.stamp, math.pi / (RAYS - 1)
+            scan.header.stamp, scan.angle_increment = state.header.stamp, math.pi / (RAYS - 1)
             scan.ranges = [distance(scan.angle_min + ray * scan.angle_increment) for ray in range(RAYS)]
             scans.publish(scan)
             print(f"{x:.4f}\t{y:.4f}\t{heading:.4f}", flush=True)

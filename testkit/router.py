@@ -9,7 +9,7 @@ JSON on stdin, answers each with the traffic between sub-networks so far, and en
   {"is_cut": true}     drop all packets between sub-networks from now on
   {}                   change nothing
 
-A segment is half duplex and shared, as 10BASE-T with a hub: one frame at a time, whoever sends it, with all that
+A segment is half duplex and shared, as 10BASE-T with a hub: one frame at a time, from any host, with all that
 Ethernet adds to a packet; frames wait in one queue, first come first served, and a full queue drops the newest. A
 packet to another sub-network takes both segments, one after the other, and the router stores it between them. Not
 modelled: collisions and backoff, address resolution, bit errors, the time that a router needs.

@@ -16,7 +16,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.samples import add_new
 from robocorba.commands.tables import print_json
 from robocorba.map_editor.formats import Imported, export_map, known_formats, read_map, written_formats
-from robocorba.map_editor.samples import SAMPLES, sample_path
+from robocorba.map_editor.samples import SAMPLES, map_file
 from robocorba.map_editor.spatial.pose import SMARTPAL_RADIUS_M
 from robocorba.system.extras import require_extra
 from robocorba.system.logs import one_line
@@ -81,7 +81,7 @@ def import_(
             for name in building.floors:
                 building = _with_topological_map(building, name, radius)
         _print_each("warning", checking.summaries(checking.blocked(building)))
-        write_outputs({output: native.dumps(building).encode()}, [_path(file)], replace=force)
+        write_outputs({output: native.dumps(building).encode()}, [map_file(file)], replace=force)
         echo(f"wrote {output}: {_summary(building)}")
 
 
@@ -107,7 +107,7 @@ def export(
     with reporting("map export", OSError):
         building = _read(file).building
         exported = export_map(building, output, format.name, resolution_m=resolution, image=image)
-        write_outputs(exported.files, [_path(file)], replace=force)
+        write_outputs(exported.files, [map_file(file)], replace=force)
         _print_each("export", exported.losses)
         for written in exported.files:
             echo(f"wrote {written}")
@@ -132,7 +132,7 @@ def show(
         if floor and floor not in building.floors:
             raise typer.BadParameter(f"there is no floor {floor!r}; there are {one_line(', '.join(building.floors))}")
         drawn = draw_floor(building, floor, width_px=width) if floor else draw_building(building, width_px=width)
-        save_picture(drawn, picture, [_path(file)])
+        save_picture(drawn, picture, [map_file(file)])
         echo(f"wrote {picture}: {_summary(building)}")
 
 
@@ -197,12 +197,7 @@ def _with_topological_map(building: Building, floor: str, radius_m: float) -> Bu
 
 
 def _read(file: str, unknown: UnknownCells = "blocked", specks: Specks = "walls") -> Imported:
-    return read_map(_path(file), unknown=unknown, specks=specks)
-
-
-def _path(file: str) -> str | Path:
-    """The file of a sample, or a file."""
-    return sample_path(file) if file in SAMPLES else file
+    return read_map(map_file(file), unknown=unknown, specks=specks)
 
 
 def _print_each(kind: str, sentences: Iterable[str]) -> None:

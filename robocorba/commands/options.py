@@ -1,6 +1,6 @@
 """Options that several commands have, and the connection to the system that they choose.
 
-What is loaded for a call only is imported where it is called: helps and completions shall be quick."""
+What is loaded for a call only is imported where it is called, for quick helps and completions."""
 
 from __future__ import annotations
 

@@ -154,10 +154,10 @@ def _planner(building: str | None, naming: str | None) -> Iterator[Planner | Non
     """A planner for the map, None without a map."""
     if building:
         from robocorba.map_editor.formats import read_map
-        from robocorba.map_editor.samples import SAMPLES, sample_path
+        from robocorba.map_editor.samples import map_file
         from robocorba.planning.planner import PathPlanner
 
-        yield PathPlanner(read_map(sample_path(building) if building in SAMPLES else building).building)
+        yield PathPlanner(read_map(map_file(building)).building)
     elif naming:
         from robocorba.orb.orb import Orb
         from robocorba.planning.corba.remote_planner import RemotePlanner

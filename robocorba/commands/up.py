@@ -15,6 +15,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.tables import Sheet, show
 from robocorba.console.settings import DEFAULT_PORT
 from robocorba.errors.services import PortInUse, ServiceError
+from robocorba.map_editor.samples import map_file
 from robocorba.orb.naming import corbaname
 from robocorba.orb.tls import load_transport
 from robocorba.system.corba.servers import servers
@@ -32,7 +33,10 @@ from robocorba.system.supervision.system import NAMING_SERVICES, System
 def up(
     context: typer.Context,
     building: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The map to serve [the stored one, else five-floors].")
+        Path | None,
+        typer.Option(
+            metavar="MAP", help="The map to serve: a file, or a sample's name [the stored one, else five-floors]."
+        ),
     ] = None,
     state: State = None,
     naming_port: Annotated[
@@ -81,7 +85,7 @@ def up(
             settings.naming.port if naming_port is None else naming_port,
             "--host or --naming-port",
         )
-        if building is not None and not building.is_file():
+        if building is not None and not (building := map_file(building)).is_file():
             raise InvalidSetting("--building", str(building), "there is no such file")
         accept_rule(accept)
         if tls is not None:

@@ -20,6 +20,11 @@ def sample_path(name: str) -> Path:
     return Path(str(files("robocorba") / "samples" / f"{name}.yaml"))
 
 
+def map_file(map: str | Path) -> Path:
+    """The file of a map that is given as a file or as a sample's name."""
+    return sample_path(str(map)) if str(map) in SAMPLES else Path(map)
+
+
 def sample_files() -> dict[str, Path]:
     """The maps, programs and fleets that travel with the package, by the names of their files."""
     folder = Path(str(files("robocorba") / "samples"))

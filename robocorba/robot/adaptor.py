@@ -5,11 +5,14 @@ Its four methods are the paper's. A new kind of robot takes one subclass: see do
 from __future__ import annotations
 
 import argparse
+import contextlib
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import NoReturn
 
 from robocorba.errors.robots import AdaptorFailed
+from robocorba.map_editor.spatial.frames import Frame
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.robot.senses import Senses
 
@@ -25,6 +28,21 @@ class ArgumentParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         raise AdaptorFailed(f"the adaptor's arguments: {message}")
+
+
+def frame_argument(text: str) -> Frame:
+    """The type of an argument X,Y,HEADING [m, rad]."""
+    with contextlib.suppress(ValueError):
+        x, y, heading = map(float, text.split(","))
+        if all(map(math.isfinite, (x, y, heading))):
+            return x, y, heading
+    raise argparse.ArgumentTypeError(f"{text[:60]!r} is not three numbers with commas between them")
+
+
+def was_reset(pose: Frame, before: Frame) -> bool:
+    """Whether odometry began again, as after a switch of the robot: it differs by more than a robot moves that is
+    disconnected."""
+    return math.dist(pose[:2], before[:2]) > 0.5 or abs(math.remainder(pose[2] - before[2], math.tau)) > 0.5
 
 
 class RobotAdaptor(ABC):

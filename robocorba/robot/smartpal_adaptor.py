@@ -6,7 +6,6 @@ network. Lumbar and grippers move to target positions."""
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -21,7 +20,7 @@ from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.robots import AdaptorFailed
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.map_editor.spatial.frames import Frame, turned
-from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor
+from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor, frame_argument, was_reset
 from robocorba.robot.kinematics.smartpal import (
     ARM,
     BASE_LIMITS,
@@ -239,16 +238,12 @@ class SmartPalAdaptor(RobotAdaptor):
                 raise AdaptorFailed(f"{', '.join(waiting)} did not get ready within {self._start_limit_s:g} s")
 
     def _set_pose(self, units: SmartPalUnits, first_pose: Frame | None) -> None:
-        """Set the odometry at the first start, and after it was reset, as by a switch of the robot: it differs by more
-        than a robot moves that is disconnected."""
+        """Set the odometry at the first start, and after it was reset."""
         expected = self._pose or (None if first_pose else self._last_pose)
         if expected is None:
             if pose := first_pose or self._body_pose():
                 units.set_pose(*pose)
-            return
-        x, y, heading = units.pose()
-        turned_rad = math.remainder(heading - expected[2], math.tau)
-        if math.dist((x, y), expected[:2]) > 0.5 or abs(turned_rad) > 0.5:
+        elif was_reset(units.pose(), expected):
             units.set_pose(*expected)
 
     def _set_jog_timeout(self, units: SmartPalUnits, valid_s: float) -> None:
@@ -398,13 +393,5 @@ def _stop_all(units: SmartPalUnits) -> None:
 def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser = ArgumentParser()
     parser.add_argument("--naming", required=True, metavar="HOST:PORT")
-    parser.add_argument("--pose", type=_pose, metavar="X,Y,HEADING")
+    parser.add_argument("--pose", type=frame_argument, metavar="X,Y,HEADING")
     return parser.parse_args(list(argv))
-
-
-def _pose(text: str) -> Frame:
-    with contextlib.suppress(ValueError):
-        x, y, heading = map(float, text.split(","))
-        if all(map(math.isfinite, (x, y, heading))):
-            return x, y, heading
-    raise argparse.ArgumentTypeError(f"{text[:60]!r} is not X,Y,HEADING")

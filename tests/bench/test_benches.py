@@ -25,7 +25,7 @@ from bench.events.network import report as network_report
 from bench.events.network.experiment import DELAYS, FEDERATED, PAPER, SET_UPS, Case, Outcome
 from bench.events.network.load import Governor
 from bench.events.network.report import Interval
-from bench.events.network.robot import PUSHED
+from bench.events.network.robot import POLLING, PUSHED
 from bench.planning.geometric import EDITS, measure, row
 from testkit import report
 from testkit.peers.base import PAYLOAD_BYTES
@@ -115,6 +115,8 @@ def test_the_report_of_the_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         bad = [outcome(set_up, us[set_up], cases[0], busy) for set_up in SET_UPS]
         with pytest.raises(NotMeasured, match=f"invalid: .*{reason}"):
             network_report.write_report("bad", bad, others_cores, {})
+    polling = [outcome(each, us[each], Case(POLLING, PAPER, "A, B", 0.9), 0.7) for each in SET_UPS]
+    assert network_report.write_report("good", polling, 0.0, {}), "a leader that is the load itself can't reach each"
 
 
 ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "p50": None, "lost": 12345}]

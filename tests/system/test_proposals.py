@@ -8,7 +8,6 @@ from collections.abc import Callable
 import pytest
 
 from robocorba.map_editor.corba.remote_edit_session import RemoteMapEditor
-from robocorba.map_editor.samples import sample_path
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 from testkit.processes import Launcher, Running, eventually, read_json
@@ -19,7 +18,7 @@ pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
 def test_the_rule_of_a_system_draws_what_enough_robots_have_seen(
     robocorba_up: Callable[..., Running], client: Orb
 ) -> None:
-    running = robocorba_up("--building", str(sample_path("paper-scene")), "--accept", "3,1").wait_ready()
+    running = robocorba_up("--building", "paper-scene", "--accept", "3,1").wait_ready()
     editor, propose = RemoteMapEditor(client), client.resolve("MapEditor", RoboCorba.MapEditor).propose
     began, chair = editor.version(), [RoboCorba.XY(3.0 + dx, 5.5 + dy) for dx, dy in ((0, 0), (0.5, 0), (0.5, 0.5))]
     for seen_by in "AB":

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from omniORB import CORBA
 
-from robocorba.map_editor.samples import sample_path
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.names import CHANNELS
@@ -88,7 +87,7 @@ def test_subnets_are_a_federation_and_go_and_come_back(robocorba_up: Start, laun
 def test_channels_and_robots_go_by_the_sub_networks_of_the_map(
     robocorba_up: Start, launch: Launcher, client: Orb
 ) -> None:
-    scene = str(sample_path("paper-scene"))
+    scene = "paper-scene"
     running = robocorba_up("--building", scene).wait_ready()
     assert client.names(CHANNELS) == ["hall", "lab"]
 

@@ -5,8 +5,9 @@ It runs in a Python that has rclpy, as `robocorba ros2` does."""
 from __future__ import annotations
 
 import argparse
-import contextlib
+import logging
 import math
+import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
@@ -16,15 +17,18 @@ from robocorba.bridges.ros2.lasers import Lasers, seconds_of
 from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.services import ServiceError
 from robocorba.map_editor.spatial.frames import Frame, out_of, turned
-from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor
+from robocorba.robot.adaptor import ArgumentParser, RobotAdaptor, frame_argument, was_reset
 from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.robot.scans import PoseTrack
 from robocorba.simulation.sensing.scan import Mount
+from robocorba.system.background import Background
 from robocorba.system.backoff import Backoff
 
 if TYPE_CHECKING:
     from robocorba.bridges.ros2.node import RosNode
+
+_log = logging.getLogger(__name__)
 
 #: Time without odometry after which the robot is lost [s].
 SILENT_S = 0.5
@@ -63,6 +67,8 @@ class Ros2Adaptor(RobotAdaptor):
         self._track = PoseTrack()
         #: The latest odometry, in its own frame, and when it arrived [s].
         self._odometry: tuple[RobotState, float] | None = None
+        #: Of the velocity: nothing is published after that of `stop`.
+        self._lock = threading.Lock()
         self._velocity, self._valid_until = ZERO_VELOCITY, 0.0
 
     # ---- the paper's four methods ----
@@ -105,13 +111,16 @@ class Ros2Adaptor(RobotAdaptor):
         return True
 
     def stop(self) -> bool:
-        node, self._node = self._node, None
-        if node is None:
-            return False
-        self._velocity = ZERO_VELOCITY
-        self._publish(self._velocity)
+        with self._lock:
+            node, self._node = self._node, None
+            if node is None:
+                return False
+            self._velocity = ZERO_VELOCITY
+            self._publish(self._velocity)
         self._wait()
-        node.close()
+        closing = Background("end of ROS 2", node.close, _log.warning)
+        closing.start()
+        closing.wait_for_end(0.5)
         return True
 
     def read(self, state: RobotState) -> bool:
@@ -125,13 +134,14 @@ class Ros2Adaptor(RobotAdaptor):
         return True
 
     def write(self, command: ActorCommand) -> bool:
-        if self._node is None:
-            return False
-        before, self._velocity = self._velocity, command.velocity
-        self._valid_until = time.monotonic() + command.valid_s
-        if any(before) or any(command.velocity):  # a robot that stands is left to others
-            self._publish(command.velocity)
-        return self._node is not None
+        with self._lock:
+            if self._node is None:
+                return False
+            before, self._velocity = self._velocity, command.velocity
+            self._valid_until = time.monotonic() + command.valid_s
+            if any(before) or any(command.velocity):  # a robot that stands is left to others
+                self._publish(command.velocity)
+            return True
 
     # ---- in the thread of the node ----
 
@@ -150,19 +160,17 @@ class Ros2Adaptor(RobotAdaptor):
 
     def _end_old_velocity(self) -> None:
         """What a robot does with velocities that are not repeated is its own affair."""
-        if any(self._velocity) and time.monotonic() > self._valid_until:
-            self._velocity = ZERO_VELOCITY
-            self._publish(self._velocity)
+        with self._lock:
+            if any(self._velocity) and time.monotonic() > self._valid_until:
+                self._velocity = ZERO_VELOCITY
+                self._publish(self._velocity)
 
     def _set_origin(self, first_pose: Frame | None) -> None:
-        """At the first start, and after the odometry was reset: it differs by more than a robot moves that is
-        disconnected."""
+        """At the first start, and after the odometry was reset."""
         assert self._odometry is not None
         odometry = _pose(self._odometry[0])
-        x, y, heading = _out_of(odometry, self._origin)
         expected = (first_pose if self._is_first else None) or self._pose or self._body_pose()
-        turned_rad = math.remainder(heading - expected[2], math.tau)
-        if self._is_first or math.dist((x, y), expected[:2]) > 0.5 or abs(turned_rad) > 0.5:
+        if self._is_first or was_reset(_out_of(odometry, self._origin), expected):
             self._origin = _origin(expected, odometry)
 
 
@@ -224,18 +232,14 @@ def _parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--stamped", action="store_true")
     parser.add_argument("--scan", action="append", default=[], type=_scan, metavar="TOPIC[@AHEAD,LEFT,HEADING]")
     parser.add_argument("--domain", type=int)
-    parser.add_argument("--pose", type=_numbers, metavar="X,Y,HEADING")
-    return parser.parse_args(list(argv))
+    parser.add_argument("--pose", type=frame_argument, metavar="X,Y,HEADING")
+    given = parser.parse_args(list(argv))
+    topics = [topic for topic, _ in given.scan]
+    if len(set(topics)) < len(topics):
+        parser.error(f"--scan: twice the same topic of {', '.join(topics)}")
+    return given
 
 
 def _scan(text: str) -> tuple[str, Mount]:
     topic, _, mount = text.partition("@")
-    return topic, Mount(*_numbers(mount)) if mount else Mount()
-
-
-def _numbers(text: str) -> Frame:
-    with contextlib.suppress(ValueError):
-        x, y, heading = map(float, text.split(","))
-        if all(map(math.isfinite, (x, y, heading))):
-            return x, y, heading
-    raise argparse.ArgumentTypeError(f"{text[:60]!r} is not three numbers with commas between them")
+    return topic, Mount(*frame_argument(mount)) if mount else Mount()

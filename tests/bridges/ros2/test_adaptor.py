@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +18,7 @@ from robocorba.bridges.ros2.lasers import Lasers
 from robocorba.errors.robots import AdaptorFailed, RobotLost
 from robocorba.errors.sensing import UnknownSensor
 from robocorba.errors.services import ServiceError
-from robocorba.robot.motion.robot_state import ActorCommand, RobotState
+from robocorba.robot.motion.robot_state import ZERO_VELOCITY, ActorCommand, RobotState, Velocity
 from robocorba.simulation.sensing.scan import Mount
 
 
@@ -123,6 +124,27 @@ def test_velocities_end_with_their_time_and_a_standing_robot_is_left_to_others(m
         adaptor.read(RobotState())
 
 
+def test_nothing_is_published_after_a_stop(monkeypatch: pytest.MonkeyPatch) -> None:
+    robot = Robot(monkeypatch, ("odom", odometry(1.0, 0.0, 0.0, 0.0)))
+    adaptor = Ros2Adaptor("A", lambda: (0.0, 0.0, 0.0))
+
+    def publish(velocity: Velocity) -> None:
+        if any(velocity):
+            stopping.start()
+            stopping.join(0.2)  # as far as it gets
+        robot.published.append(velocity)
+
+    monkeypatch.setattr(module, "_velocities", lambda *topic: (publish, lambda: None))
+    stopping = threading.Thread(target=adaptor.stop)
+    adaptor.start([])
+    adaptor.write(ActorCommand((0.3, 0.0, 0.0)))
+    stopping.join(20.0)
+    assert robot.published == [(0.3, 0.0, 0.0), ZERO_VELOCITY] and robot.closed == 1
+    assert not adaptor.write(ActorCommand((0.3, 0.0, 0.0)))
+    robot.timers[0]()
+    assert len(robot.published) == 2
+
+
 def test_what_is_missing_or_wrong_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = Robot(monkeypatch, ("r1/scan", scan([1.0] * 20)))
     adaptor = Ros2Adaptor("A", lambda: (0.0, 0.0, 0.0), start_limit_s=0.1)
@@ -138,7 +160,13 @@ def test_what_is_missing_or_wrong_is_said(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(module, "ros_node", fail)
     with pytest.raises(AdaptorFailed, match="ROS 2 is not installed"):
         adaptor.start([])
-    for wrong in (["--scan", "scan@1,2"], ["--pose=1,2,inf"], ["--domain", "x"], ["--speed", "1"]):
+    for wrong in (
+        ["--scan", "scan@1,2"],
+        ["--scan", "a", "--scan", "a@1,2,3"],
+        ["--pose=1,2,inf"],
+        ["--domain", "x"],
+        ["--speed", "1"],
+    ):
         with pytest.raises(AdaptorFailed, match="the adaptor's arguments"):
             adaptor.start(wrong)
 
