@@ -20,6 +20,7 @@ from robocorba.missions.party import party_of
 from robocorba.missions.world import World
 from robocorba.orb.orb import Orb
 from robocorba.planning.request import Place
+from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.robot.programs.icons import Icon
 from robocorba.robot.programs.program import of_icon
 from robocorba.simulation.corba.remote_database import RemoteDatabase
@@ -121,6 +122,8 @@ def _leader(name: str, row: Row) -> Answer:
     state = row["state"]
     if row["problem"] or not state:
         return {"robot": name, "channel": "", "free": False, "why": "does not answer"}
+    if len(state["actor"]["joints"]) != len(JOINTS):
+        return {"robot": name, "channel": "", "free": False, "why": "has no arms"}
     # Robots of earlier releases do not tell their mission and channel.
     mission, channel = state.get("mission", ""), state.get("channel", "")
     if state["condition"] != "IDLE":

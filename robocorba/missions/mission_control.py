@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 import msgspec
 
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.robots import IllegalOrder
+from robocorba.errors.robots import IllegalOrder, InvalidProgram
 from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import InvalidMission, NoLeader, UnknownMission
 from robocorba.simulation.mission_directory import MissionDirectory
@@ -101,16 +101,19 @@ class MissionControl:
         self.missions.begin(name, content)
 
     def _offer_to_nearest(self, name: str, content: MissionContent, icon: str) -> None:
-        """Let the robot nearest to the mission's object lead it that can. Raises NoLeader, InvalidProgram."""
-        reasons = []
+        """Let the robot nearest to the mission's object lead it that can. Raises NoLeader; InvalidProgram if all refuse
+        the icon, not only one without arms."""
+        errors: dict[str, RoboCorbaError] = {}
         content = msgspec.structs.replace(content, term=0)
         for robot in self._nearest(content.about)[:MAX_ASKED]:
             content = content.offered_to(robot)
             try:
                 return self._offer(name, content, icon)
-            except (IllegalOrder, NotReachable) as error:
-                reasons.append(f"{robot}: {error}")
-        raise NoLeader("no robot can lead it" + "".join(f"; {reason}" for reason in reasons))
+            except (IllegalOrder, InvalidProgram, NotReachable) as error:
+                errors[robot] = error
+        if errors and all(isinstance(error, InvalidProgram) for error in errors.values()):
+            raise next(iter(errors.values()))
+        raise NoLeader("no robot can lead it" + "".join(f"; {robot}: {error}" for robot, error in errors.items()))
 
     @contextlib.contextmanager
     def _calling(self) -> Iterator[None]:

@@ -273,7 +273,8 @@ def test_a_hand_follows_its_target_and_both_mirror_each_other() -> None:
             poser.solve_hand(joints, side, wrong)  # type: ignore[arg-type]
 
 
-IDLE = {"condition": "IDLE", "reason": "", "mission": "", "channel": "a", "display": {"text": "waiting for B"}}
+ARMS = {"joints": [0.0] * 18}
+IDLE = {"condition": "IDLE", "mission": "", "channel": "a", "display": {"text": "waiting for B"}, "actor": ARMS}
 
 
 def leaders(robots: dict[str, Any], naming: str = "") -> list[dict[str, Any]]:
@@ -290,7 +291,8 @@ def test_who_can_lead_a_mission() -> None:
         *((row(condition=condition), "waiting for B") for condition in ("STOPPED", "RUNNING", "PAUSED")),
         (row(mission="M1"), "is in a mission"),
         (row(channel=""), "has no event channel"),
-        ({**row(), "state": {"condition": "IDLE", "reason": ""}}, "has no event channel"),  # of an earlier release
+        (row(actor={"joints": []}), "has no arms"),
+        ({**row(), "state": {"condition": "IDLE", "actor": ARMS}}, "has no event channel"),  # of an earlier release
         *(({**row(), **silent}, "does not answer") for silent in ({"problem": "hangs"}, {"state": None})),
     ):
         (found,) = leaders({"R1": robot})

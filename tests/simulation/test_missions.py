@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from robocorba.errors.robots import IllegalOrder
+from robocorba.errors.robots import IllegalOrder, InvalidProgram
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.errors.simulation import InvalidMission, NoLeader, StaleMission, UnknownMission
 from robocorba.missions.mission_control import GONE_LIMIT_S, HAND_OVER_S, LeaderWatch, MissionControl
@@ -46,10 +46,13 @@ class Robots:
 
     def __init__(self, *refusing: str, **lead: str) -> None:
         self.refusing, self.lead = refusing, lead
+        self.unable: list[str] = []
         self.aborted: list[str] = []
         self.called: list[str] = []
 
     def start(self, leader: str, mission: str, icon: str, term: int) -> None:
+        if leader in self.unable:
+            raise InvalidProgram("icons[0]", "", f"{leader} has no arms")
         if leader in self.refusing:
             raise IllegalOrder("run a program", "runs a program")
         self.mission_of(leader)
@@ -340,7 +343,12 @@ def test_the_nearest_robot_that_can_leads(missions: MissionDirectory) -> None:
     assert missions.mission(name).content.leader == "C"
     with pytest.raises(NoLeader, match=r"no robot can lead it$"):
         control.start("", '{"icon": "move_table", "table": "sofa"}')
-    robots.lead = {}
+    robots.lead, robots.unable = {"C": "", "D": ""}, ["B", "gone", "C"]
+    assert control.start("", '{"icon": "move_table", "table": "desk"}') == robots.lead["D"]
+    robots.unable = ["B", "gone", "C", "D"]
+    with pytest.raises(InvalidProgram, match="B has no arms"):
+        control.start("", '{"icon": "move_table", "table": "desk"}')
+    robots.lead, robots.unable = {}, []
     with pytest.raises(
         NoLeader, match=r"no robot can lead it; B: can't run a program: .*; gone: robot gone does not answer; C: "
     ):
