@@ -175,8 +175,7 @@ class Perception:
         certainties = (1.0 / (1.0 + np.exp(-sums / counts))).tolist()
         half = CELL_M / 2
         corners = points[order][:, None] + ((-half, -half), (half, -half), (half, half), (-half, half))
-        squares = shapely.multipoints(corners.reshape(-1, 2), indices=np.repeat(parts[order], 4))
-        outlines = shapely.convex_hull(squares)
+        outlines = shapely.convex_hull(shapely.linestrings(corners.reshape(-1, 2), indices=np.repeat(parts[order], 4)))
         centres = shapely.get_coordinates(shapely.centroid(outlines))
         nearest = np.argsort(np.hypot(*(centres - robot).T))
         first_seen = {thing.number: thing.first_seen for thing in self.things}
@@ -275,7 +274,7 @@ def _parts(points: Floats) -> Longs:
         while reached:
             one = reached.pop()
             groups[one] = square
-            beside = left.intersection(one + (column << 32) + row for column in (-1, 0, 1) for row in (-1, 0, 1))
+            beside = left & {one + (column << 32) + row for column in (-1, 0, 1) for row in (-1, 0, 1)}
             left -= beside
             reached += beside
     _, group_of = np.unique([groups[square] for square in squares.tolist()], return_inverse=True)
