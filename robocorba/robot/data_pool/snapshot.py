@@ -184,10 +184,10 @@ class FloorSnapshot:
         found = self.walls.near(points, within_m) if self.walls else np.zeros(len(points), bool)
         if not len(points):
             return found
-        (x, y), rows = points.mean(axis=0).tolist(), self.bodies.objects
+        (x, y), rows, places = points.mean(axis=0).tolist(), self.bodies.objects, shapely.points(points)
         reach_m = float(np.hypot(*(points - (x, y)).T).max() + within_m.max())
         for row in rows[self._distances_m(rows, x, y) <= reach_m].tolist():
-            found |= shapely.dwithin(shapely.points(points), shapely.polygons(self._entity(row).corners), within_m)
+            found |= shapely.dwithin(places, shapely.polygons(self._entity(row).corners), within_m)
         return found
 
     def _distances_m(self, rows: Longs, x: float, y: float) -> Floats:
