@@ -23,8 +23,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_782, "testkit": 7_087, "bench": 9_188, "robocorba/console/static": 11_717}
-WORDS_AT_MOST = {"docs": 31_897, "README.md": 1_040, "CHANGELOG.md": 2_150}
+LINES_AT_MOST = {"tests": 53_782, "testkit": 7_082, "bench": 8_960, "robocorba/console/static": 11_717}
+WORDS_AT_MOST = {"docs": 31_851, "README.md": 1_040, "CHANGELOG.md": 2_150}
 
 
 @functools.cache
