@@ -1,4 +1,4 @@
-"""Channels and the naming service are killed under traffic, again and again; by hand: python -m bench.events.chaos."""
+"""Channels and the naming service are killed under traffic, again and again."""
 
 from __future__ import annotations
 
