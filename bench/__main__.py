@@ -12,26 +12,16 @@ from bench.common.harness import NOT_MEASURED
 
 BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
-    "events": ("network --network paper", "network --network paper --leader all", "network", "channel", "chaos"),
+    "events": ("network --network paper", "network --network paper --leader all", "network", "channel"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
-    "robots": (
-        "kinematics",
-        "virtual_and_actual",
-        "control",
-        "stops",
-        "protection",
-        "perception",
-        "kept_stops",
-        "stop_all",
-        "fleet",
-    ),
+    "robots": ("virtual_and_actual", "control", "stops", "kept_stops", "fleet", "fleet --robots 200 --stops 3"),
     "missions": (
         *("carry", "network", "many", "many --site elevators", "faults", "faults --fault robots"),
         *("faults --fault servers --site door", "faults --fault cut", "faults --fault ways"),
     ),
-    "console": ("viewers", "returns", "foxglove", "ros2"),
+    "console": ("viewers", "foxglove", "ros2"),
     "starts": ("ready", "kills"),
-    "chaos": ("fuzz", "roles"),
+    "chaos": ("roles",),
 }
 ROOT = Path(__file__).resolve().parents[1]
 

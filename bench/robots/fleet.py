@@ -1,10 +1,14 @@
 """A hundred robots of `robocorba robots`: what idle ones take, and whether all answer and go on while forty move.
 
-    python -m bench.robots.fleet [--robots 100] [--driving 40] [--seconds 30]
+    python -m bench.robots.fleet [--robots 100] [--driving 40] [--seconds 30] [--stops 0]
 
 Real processes in the five-floor sample. First nobody has a task; then some robots turn to and fro where they stand,
 with control cycles and neighbours as for any other motion. Every robot is asked for its state again and again, one
-after the other. A lease is lost if the simulation server logs that it expired."""
+after the other. A lease is lost if the simulation server logs that it expired.
+
+With `--stops` nobody moves. In each round all robots are stopped by `robocorba stop --all`, and restarted by
+`robocorba stop --all --reset`, which is repeated until it has restarted all of them. A robot stands if the command says
+so and its own agent says that it is stopped; what the command says is not believed: all agents are asked after each."""
 
 from __future__ import annotations
 
@@ -13,13 +17,15 @@ import os
 import re
 import signal
 import statistics
+import subprocess
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import psutil
 
-from bench.common.harness import folder_of_bench, run
+from bench.common.harness import folder_of_bench, progress, run
+from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
 from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition
@@ -28,7 +34,7 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
 from testkit.json_process import ProcessFailed
 from testkit.processes import ROBOCORBA, Launcher, Running, command_line, drain, running_system
-from testkit.report import at_most, distribution, quantile, summarize
+from testkit.report import at_most, curves, distribution, quantile, summarize
 
 START_LIMIT_S = 300.0
 #: Time before a measurement begins [s].
@@ -36,6 +42,9 @@ SETTLE_S = 5.0
 MAX_ANSWER_MS, MAX_IDLE_PERCENT, MAX_MB = 200.0, 0.7, 50.0
 #: Pause between two rounds of questions [s].
 PAUSE_S = 0.5
+#: Time before a stop of all [s]. Timeout of a command [s], how often the reset is repeated, and the maximum time until
+#: all robots are shown to stand [s].
+BEFORE_STOP_S, COMMAND_LIMIT_S, MAX_RESETS, MAX_STAND_S = 40.0, 120.0, 5, 10.0
 #: Floors of the sample, over which robots are spread.
 FLOORS = ("L1", "L2", "L3", "L4", "L5")
 
@@ -136,13 +145,68 @@ def row(when: str, measured: Measured, robots: Mapping[str, Robot], names: Seque
     }
 
 
-def main(robots: int = 100, driving: int = 40, seconds: float = 30.0) -> bool:
+def stop_all(system: Running, *options: str) -> tuple[float, str]:
+    """Seconds and output of `robocorba stop --all`."""
+    began = time.monotonic()
+    command = (ROBOCORBA, "stop", "--all", "--naming", str(system.naming), *options)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_LIMIT_S)
+    return time.monotonic() - began, done.stdout
+
+
+def in_condition(fleet: Mapping[str, Robot], *conditions: AgentCondition) -> int:
+    """The number of robots whose agents say that they are in one of these conditions."""
+    count = 0
+    for name, robot in fleet.items():
+        try:
+            count += robot.agent.state().condition in conditions
+        except (NotReachable, RobotError) as error:
+            print(f"{name} does not answer: {error}", flush=True)
+    return count
+
+
+def stop_round(system: Running, fleet: Mapping[str, Robot]) -> dict[str, Any]:
+    """All are stopped, then restarted."""
+    time.sleep(BEFORE_STOP_S)
+    stop_s, printed = stop_all(system, "--state", str(system.state))
+    shown = sum("\tstands" in line for line in printed.splitlines())
+    stopped = in_condition(fleet, AgentCondition.STOPPED)
+    left, reset_s = [len(fleet)], 0.0
+    while left[-1] and len(left) <= MAX_RESETS:
+        reset_s += stop_all(system, "--reset")[0]
+        left.append(len(fleet) - in_condition(fleet, AgentCondition.IDLE, AgentCondition.RUNNING))
+    return {
+        "not shown to stand": len(fleet) - shown,
+        "not stopped": len(fleet) - stopped,
+        "after, s": stop_s,
+        "left by the first reset": left[1],
+        "resets": len(left) - 1,
+        "left": left[-1],
+        "resets took, s": reset_s,
+    }
+
+
+def stops_of_all(system: Running, fleet: Mapping[str, Robot], robots: int, rounds: int) -> bool:
+    rows = [stop_round(system, fleet) for _ in progress(range(rounds), "rounds")]
+    marks = [
+        at_most(f"robots {what}, in all rounds", sum(row[what] for row in rows), 0)
+        for what in ("not shown to stand", "not stopped", "left", "left by the first reset")
+    ]
+    marks.append(at_most("robots that did not start", robots - len(fleet), 0))
+    marks.append(at_most("slowest stop of all, s", max(row["after, s"] for row in rows), MAX_STAND_S))
+    times = {what: [row[what] for row in rows] for what in ("after, s", "resets took, s")}
+    draw = curves(range(1, rounds + 1), times, "round")
+    return summarize("stop_all", f"stops of a fleet of {robots}", rows, marks, draw)
+
+
+def main(robots: int = 100, driving: int = 40, seconds: float = 30.0, stops: int = 0) -> bool:
     with (
         folder_of_bench() as folder,
         running_system(folder) as (system, launch),
         Orb(system.naming) as orb,
         fleet_of(system, orb, launch, robots) as fleet,
     ):
+        if stops:
+            return stops_of_all(system, fleet, robots, stops)
         names = list(fleet)
         drivers = names[:: max(1, len(names) // max(1, driving))][:driving]
         others = [name for name in names if name not in drivers]
@@ -177,4 +241,10 @@ def main(robots: int = 100, driving: int = 40, seconds: float = 30.0) -> bool:
 
 
 if __name__ == "__main__":
-    run(main, robots="of the fleet", driving="that move later", seconds="of each measurement")
+    run(
+        main,
+        robots="of the fleet",
+        driving="that move later",
+        seconds="of each measurement",
+        stops="of all, instead of measurements",
+    )

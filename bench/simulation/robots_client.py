@@ -1,4 +1,4 @@
-"""Many robots in processes of their own, which log on, drive and scan. Times are of CLOCK_MONOTONIC."""
+"""Many robots in processes of their own, which log on and drive. Times are of CLOCK_MONOTONIC."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from omniORB import CORBA
 
 from robocorba.clients.robot_processes import servers
 from robocorba.orb.orb import Orb
-from robocorba.simulation.corba import scans, sessions
+from robocorba.simulation.corba import sessions
 from robocorba.simulation.registry import Description
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import ScanSpec
@@ -106,11 +106,6 @@ class Fleet:
             )
         return {**joined(found), "cpu": cpu}
 
-    def scan(self, begin: float, seconds: float, threads: int) -> dict[str, Any]:
-        """Turn the robots on the spot and scan with one after another, as fast as possible, from time `begin` on."""
-        found, cpu = self._in_threads(threads, lambda part, _: {"scan": scan(part, begin, seconds)})
-        return {**joined(found), "cpu": cpu}
-
     def close(self) -> None:
         self._heartbeats.close()
 
@@ -162,24 +157,6 @@ def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) ->
         for times, value in zip(found.values(), (ms, ms_state, (began - due) * 1e3), strict=True):
             times.append(round(value, 4))
     return {**found, "due": due_in_all, "lost": len(lost)}
-
-
-def scan(robots: Sequence[Robot], begin: float, seconds: float) -> list[float]:
-    """Scan with the robots of one thread, one after another; durations [ms]."""
-    spec, took = scans.spec(FULL), []
-    sensors = [(robot, robot.session._get_sensor(), checked_call(robot.session.state).at) for robot in robots]
-    time.sleep(max(0.0, begin - time.monotonic()))
-    turned_at = 0.0
-    while (now := time.monotonic()) < begin + seconds:
-        if now - turned_at > 1.0:
-            turned_at = now
-            for robot, _, _ in sensors:
-                checked_call(robot.session.command, RoboCorba.Velocity(*AWAY), 5.0)
-        for _, sensor, at in sensors:
-            took.append(round(timed_ms(checked_call, sensor.scan, at, NO_MOUNT, spec)[1], 4))
-            if time.monotonic() > begin + seconds:
-                break
-    return took
 
 
 def joined(answers: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import itertools
 import json
-from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 from robocorba.simulation.robot_scans import RobotScan
 from robocorba.simulation.sensing.scan import RAY_SENSORS
+from robocorba.simulation.versioned import Versioned
 
 #: Time after which a scan is taken away if its sensor makes no other one, in simulated and in real time [s].
 MAX_AGE_S = 2.0
@@ -27,42 +27,38 @@ class Feed:
     """Entries by key as JSON texts. Versions are unique among all feeds. One thread may use it."""
 
     def __init__(self) -> None:
-        self.version = self._oldest = next(_versions)
-        self._entries: dict[str, tuple[int, str]] = {}
-        self._gone: deque[tuple[int, str]] = deque()
+        self.version = next(_versions)
+        self._entries: Versioned[str, str] = Versioned(self.version, MAX_GONE)
         #: Whether it has been read; simulated time of its newest entry, and when all of it is read again [s].
         self.is_known, self.newest_s, self.all_at_s = False, -1.0, 0.0
 
     def put(self, key: str, value: Any) -> None:
         """Set an entry to a value of JSON types."""
         text = json.dumps(value, separators=(",", ":"))
-        if key not in self._entries or self._entries[key][1] != text:
+        if self._entries.get(key) != text:
             self.version = next(_versions)
-            self._entries[key] = self.version, text
+            self._entries.put(key, text, self.version)
 
     def update(self, entries: Mapping[str, Any], is_all: bool) -> None:
         """Set entries to values of JSON types. is_all: there are no other ones."""
         for key, value in entries.items():
             self.put(key, value)
         if is_all:
-            self.drop(self._entries.keys() - entries.keys())
+            self.drop(self._entries.since(NOTHING).keys() - entries.keys())
         self.is_known = True
 
     def drop(self, keys: Iterable[str]) -> None:
         """Remove entries."""
-        for key in [key for key in keys if key in self._entries]:
-            del self._entries[key]
+        for key in [key for key in keys if self._entries.get(key) is not None]:
             self.version = next(_versions)
-            self._gone.append((self.version, key))
-        while len(self._gone) > MAX_GONE:
-            self._oldest = self._gone.popleft()[0]
+            self._entries.remove(key, self.version)
 
     def since(self, version: int) -> Changes:
         """What changed after a version; everything for NOTHING, and for a version that is not remembered."""
-        if version < self._oldest:
-            return Changes(True, {key: text for key, (_, text) in self._entries.items()}, [])
-        changed = {key: text for key, (since, text) in self._entries.items() if since > version}
-        return Changes(False, changed, [key for since, key in self._gone if since > version and key not in changed])
+        if version < self._entries.oldest:
+            return Changes(True, self._entries.since(NOTHING), [])
+        changed = self._entries.since(version)
+        return Changes(False, changed, [key for key in self._entries.removed_since(version) if key not in changed])
 
 
 class Changes(NamedTuple):

@@ -91,6 +91,16 @@ def translating(method: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
+def forwarded(part: str, method: Callable[..., Any]) -> Callable[..., Any]:
+    """An operation that a method of a part of the servant, its attribute, does: as `translating`."""
+    name = method.__name__
+
+    def call(servant: Any, *arguments: Any) -> Any:
+        return getattr(getattr(servant, part), name)(*arguments)
+
+    return translating(call)
+
+
 def domain_error(exception: Any) -> Exception | None:
     """The domain error for an IDL exception, None for any other exception."""
     if type(exception) not in _to_domain and isinstance(exception, CORBA.UserException):

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
-import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from random import Random
@@ -21,8 +18,6 @@ from testkit.fuzzing.wire import Wire
 
 #: Share of the inputs that are ill-formed on the wire.
 WIRE_SHARE = 0.15
-#: A call that takes longer is noted [s].
-SLOW_S = 5.0
 #: Time limit for a server that has ended to be back [s]; at the end its process is another one.
 RESTART_LIMIT_S = 30.0
 _AGAIN = Backoff(0.1, 0.1)
@@ -68,35 +63,16 @@ class Target:
         self.name = self.name or title(self.interface)
 
 
-@dataclass
-class Tally:
-    """What came of the calls of one operation. faults: what no server may do, each with the arguments of its first
-    call. slowest_s: the longest call."""
-
-    target: str
-    operation: str
-    calls: int = 0
-    outcomes: Counter[str] = field(default_factory=Counter)
-    faults: dict[str, str] = field(default_factory=dict)
-    slowest_s: float = 0.0
-    slowest: str = ""
-
-
-def call_many(
-    target: Target, operation: Operation, inputs: int, seed: int, seen: Seen, limit_s: float = math.inf
-) -> Tally:
-    """Call an operation with `inputs` inputs, for `limit_s` at most. The same seed makes the same inputs, as far as the
-    system returned the same."""
+def call_many(target: Target, operation: Operation, inputs: int, seed: int, seen: Seen) -> dict[str, str]:
+    """Call an operation with `inputs` inputs: what came of it that no server may do, each with the arguments of its
+    first call. The same seed makes the same inputs, as far as the system returned the same."""
     random = Random(f"{seed} {target.name} {operation.name}")
     values, wire = Values(random, Seen() if operation.name in target.unseen else seen), Wire(random)
-    tally = Tally(target.name, operation.name)
+    faults: dict[str, str] = {}
     reference: Any = None
     allowed = (*ALLOWED, *target.also.get(operation.name, ()), *target.also.get("", ()))
-    deadline = time.monotonic() + limit_s
     is_disturbed = True  # the message before was ill-formed, perhaps, and the ORB closes the connection
     for _ in range(inputs):
-        if time.monotonic() > deadline:
-            break
         if reference is None or operation.name in target.ends:
             reference = _AGAIN.call(target.make, RESTART_LIMIT_S, CORBA.TRANSIENT, CORBA.COMM_FAILURE)
         examples = target.examples.get(operation.name, ())
@@ -107,31 +83,23 @@ def call_many(
             wanted, arguments = wire.ill_formed(operation.wanted, arguments)
             descriptor = (wanted, *descriptor[1:])
         result = None
-        began = time.monotonic()
         try:
             result = reference._obj.invoke(operation.name, descriptor, tuple(arguments))
-            outcome = "success"
             _note(seen, random, operation, result)
-        except CORBA.UserException as error:
-            outcome = type(error).__name__
+        except CORBA.UserException:
+            pass
         except CORBA.SystemException as error:
-            outcome = type(error).__name__
             is_disturbed |= is_ill_formed
             if not isinstance(error, allowed) and not (is_disturbed and isinstance(error, CORBA.COMM_FAILURE)):
-                tally.faults.setdefault(str(error), _shown(arguments))
+                faults.setdefault(str(error), _shown(arguments))
             if isinstance(error, CORBA.OBJECT_NOT_EXIST | CORBA.COMM_FAILURE):
                 reference = None
         except Exception as error:  # of the client: the answer can't be read
-            outcome = type(error).__name__
-            tally.faults.setdefault(repr(error)[:300], _shown(arguments))
-        took_s, is_disturbed = time.monotonic() - began, is_ill_formed
-        if took_s > tally.slowest_s:
-            tally.slowest_s, tally.slowest = took_s, _shown(arguments) if took_s > SLOW_S else ""
-        tally.calls += 1
-        tally.outcomes[outcome] += 1
+            faults.setdefault(repr(error)[:300], _shown(arguments))
+        is_disturbed = is_ill_formed
         with contextlib.suppress(CORBA.Exception):
             target.after(operation.name, result)
-    return tally
+    return faults
 
 
 def _note(seen: Seen, random: Random, operation: Operation, result: Any) -> None:

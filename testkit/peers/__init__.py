@@ -10,7 +10,7 @@ from testkit.peers.base import Peer
 PEERS: dict[str, Peer] = {
     peer.name: peer
     for peer in (
-        *(corba.PLAIN, corba.PLAIN_TO_BATCHES, corba.HEADER, corba.CLIENT, corba.BOUNDED, corba.ON_ONE_CORE),
+        *(corba.PLAIN, corba.PLAIN_TO_BATCHES, corba.HEADER, corba.CLIENT, corba.ON_ONE_CORE),
         *(corba.RELAY, corba.OMNIEVENTS),
         *(brokers.REDIS, brokers.MQTT),
     )

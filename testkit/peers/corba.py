@@ -47,8 +47,6 @@ from testkit.processes import eventually
 CHANNEL, TYPE, SOURCE = "bench", "bench.event", "A"
 #: Lossless: a full queue blocks the supplier.
 LOSSLESS = QueuePolicy(20_000, OverflowRule.BLOCK_SUPPLIER, 10.0)
-#: Queue size of a consumer of BOUNDED [events]; beyond it the oldest are discarded.
-BOUND = 500
 #: Period of the channel of omniEvents; its default of 100 ms would not be comparable.
 CYCLE_NS = 1000
 
@@ -97,13 +95,11 @@ def consume_plain(orb: Orb, channel: Any, receive: Receive) -> Callable[[], obje
     return partial(proxy.disconnect_push_supplier)
 
 
-def consume_batches(
-    orb: Orb, channel: Any, receive: Receive, policy: QueuePolicy = LOSSLESS, size: int = 0
-) -> Callable[[], object]:
+def consume_batches(orb: Orb, channel: Any, receive: Receive, size: int = 0) -> Callable[[], object]:
     """size: for events of plain suppliers. Their payload is the CDR encapsulation of the `any`, which ends with the
     stamp."""
     consumer = orb.activate(BatchConsumer(receive, size))
-    proxy = channel.subscribe("", consumer, events.subscription(ALL), events.policy(policy))
+    proxy = channel.subscribe("", consumer, events.subscription(ALL), events.policy(LOSSLESS))
     return partial(proxy.disconnect_push_supplier)
 
 
@@ -194,7 +190,6 @@ def ours(name: str, supplier: Callable[..., Any], consume: Consume, before: Sequ
 
 
 PLAIN = ours("plain", plain_supplier, consume_plain)
-BOUNDED = ours("bounded", header_supplier, partial(consume_batches, policy=QueuePolicy(BOUND)))
 PLAIN_TO_BATCHES = ours("plain to batches", plain_supplier, partial(consume_batches, size=PAYLOAD_BYTES))
 HEADER = ours("header", header_supplier, consume_batches)
 ON_ONE_CORE = ours("header, on one core", header_supplier, consume_batches, ("taskset", "-c", "0"))

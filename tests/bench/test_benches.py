@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import itertools
 import json
-import math
 import sys
 import threading
 import time
@@ -19,7 +18,6 @@ import pytest
 from matplotlib.axes import Axes
 
 from bench.common.harness import NOT_MEASURED, NotMeasured, run
-from bench.console.returns import PLACES, Shown, Sight, sight
 from bench.events.channel.stamps import Arrivals, Quality, Tally, gaps, quality, stamped, stamped_run
 from bench.events.network import report as network_report
 from bench.events.network.experiment import DELAYS, FEDERATED, PAPER, SET_UPS, Case, Outcome
@@ -164,22 +162,6 @@ def test_every_figure_is_reported() -> None:
     )
     none = row("cave", 1.0, defaultdict(list))
     assert none["queries"] == 0 and none["median ms"] is None and none["finished"] == "limit"
-
-
-FINE = {"status": "", "robots": "", "channels": "", "isFresh": True}
-
-
-def shown(*moments: dict[str, object]) -> Shown:
-    """Moments a second apart, from 10 s on."""
-    return [(1e3 * at_s, {**FINE, **moment}) for at_s, moment in enumerate(moments, 10)]
-
-
-def test_a_page_works_when_the_last_problem_is_gone_and_news_are_fresh() -> None:
-    lost, stale = {"status": "lost", "robots": "R1"}, {"isFresh": False}
-    assert sight(shown({}, lost, {}, lost, stale, {}, stale), PLACES) == Sight("lost; R1", 14.0, 15.0)
-    assert sight(shown({"channels": "a"}, {}), ("status",)) == Sight("", 10.0, 10.0)  # other places don't count
-    assert sight(shown({}, {"robots": "R1"}), PLACES) == Sight("R1", math.inf, math.inf)
-    assert sight(shown({"robots": "R1"}, {"isFresh": False}), PLACES) == Sight("R1", 11.0, math.inf)
 
 
 def test_the_exit_code_says_whether_marks_were_reached_missed_or_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Channels and the naming service are killed under traffic, again and again; by hand: python -m bench.events.chaos."""
+"""Channels and the naming service are killed under traffic, again and again."""
 
 from __future__ import annotations
 
@@ -17,4 +17,4 @@ def test_kills_repeat_nothing_and_cost_only_what_the_killed_process_held(tmp_pat
         chaos = Chaos(started, seed=1)
         for victim in ("B", "A", NAMING, "C"):
             outcome = chaos.round(victim)
-            assert outcome.is_right, outcome
+            assert outcome.is_right and outcome.links_after_ready_s < 15.0, outcome  # 2 s on an idle machine

@@ -1,4 +1,4 @@
-"""python -m bench.events.channel [latency|throughput|stalled|fanout|mesh|memory|all] [--quick] [--minutes N]"""
+"""python -m bench.events.channel [latency|throughput|fanout|mesh|all] [--quick]"""
 
 from __future__ import annotations
 
@@ -6,15 +6,14 @@ import sys
 from functools import partial
 
 from bench.common.harness import run
-from bench.events.channel.consumers import fanout, memory, stalled
+from bench.events.channel.consumers import fanout
 from bench.events.channel.mesh import mesh
 from bench.events.channel.speed import latency, throughput
 
 
-def main(*bench: str, quick: bool = False, minutes: float = 60.0) -> bool:
-    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, stalled, fanout, mesh)}
+def main(*bench: str, quick: bool = False) -> bool:
+    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, fanout, mesh)}
     names = list(benches) if bench in ((), ("all",)) else bench
-    benches["memory"] = partial(memory, minutes)
     if unknown := set(names) - benches.keys():
         sys.exit(f"there is no bench {', '.join(unknown)}; there are {', '.join(benches)}, all")
     missed = [name for name in names if not benches[name]()]
@@ -24,4 +23,4 @@ def main(*bench: str, quick: bool = False, minutes: float = 60.0) -> bool:
 
 
 if __name__ == "__main__":
-    run(main, bench="default: all but memory", quick="fewer rounds", minutes="duration of the bench `memory`")
+    run(main, bench="default: all", quick="fewer rounds")

@@ -16,7 +16,7 @@ from robocorba.events.links import Links
 from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import Proxy, ProxyKind
 from robocorba.events.proxy_consumer import own_supplier
-from robocorba.orb.exceptions import translating
+from robocorba.orb.exceptions import forwarded, translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 
@@ -82,9 +82,7 @@ class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
         client = self._objects.event_consumer(consumer)
         return self._objects.of(self._proxies.subscribe(subscriptionName, client, subscription, policy))
 
-    @translating
-    def unsubscribe(self, subscriptionName: str) -> None:
-        self._proxies.unsubscribe(subscriptionName)
+    unsubscribe = forwarded("_proxies", Proxies.unsubscribe)
 
     @translating
     def state(self) -> Any:
@@ -96,9 +94,7 @@ class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
     def addPeer(self, peer: Any) -> None:
         self._links.add(events.peer_of(peer))
 
-    @translating
-    def removePeer(self, peer: str) -> None:
-        self._links.remove(peer)
+    removePeer = forwarded("_links", Links.remove)
 
     def peers(self) -> list[Any]:
         return [events.peer(record) for record in self._links.peers]

@@ -37,14 +37,12 @@ from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import Pattern, Subscription, checked
 from robocorba.orb.bounded_any import TC_ANY
 from robocorba.orb.exceptions import register, register_system, register_with
-from robocorba.orb.structs import enumeration
+from robocorba.orb.structs import Converter, enumeration, struct_converter
 from robocorba.stubs import RoboCorba
 
 #: By the value of the enumerator; hashing it would cost more than the rest of a header.
 _ENCODING_OF = [Encoding.MSGPACK, Encoding.CDR_ANY]
 _RULES = enumeration(OverflowRule)
-_KINDS = enumeration(ProxyKind)
-_CONDITIONS = enumeration(ProxyCondition)
 
 
 class PlainPayload:
@@ -247,26 +245,16 @@ def policy_of(struct: Any) -> QueuePolicy:
 # ---- states ----
 
 
-def account(totals: Account) -> Any:
-    """An Account."""
-    return RoboCorba.Account(
-        totals.received, totals.delivered, totals.unconfirmed, totals.discarded, totals.expired, totals.queued
-    )
-
-
-def proxy_state(proxy: ProxySnapshot) -> Any:
-    """A ProxyState."""
-    return RoboCorba.ProxyState(
-        proxy.id,
-        _KINDS.to_idl(proxy.kind),
-        _CONDITIONS.to_idl(proxy.condition),
-        proxy.name,
-        proxy.client,
-        subscription(proxy.subscription),
-        policy(proxy.policy),
-        proxy.failures,
-        account(proxy.totals),
-    )
+_ACCOUNT = struct_converter(Account, RoboCorba.Account)
+#: A ProxyState struct.
+proxy_state = struct_converter(
+    *(ProxySnapshot, RoboCorba.ProxyState, {"subscribed": "subscription", "queue": "policy", "events": "totals"}),
+    kind=enumeration(ProxyKind),
+    condition=enumeration(ProxyCondition),
+    subscription=Converter(subscription, subscription_of),
+    policy=Converter(policy, policy_of),
+    totals=_ACCOUNT,
+).to_idl
 
 
 def link_state(peer: str, direction: Any, end: LinkEnd) -> Any:
@@ -283,7 +271,7 @@ def link_state(peer: str, direction: Any, end: LinkEnd) -> Any:
         repeated=end.totals.repeated,
         unseen=end.unseen,
         interest=patterns(end.interest),
-        events=account(end.totals),
+        events=_ACCOUNT.to_idl(end.totals),
     )
 
 

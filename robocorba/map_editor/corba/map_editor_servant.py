@@ -14,11 +14,11 @@ from robocorba.map_editor import native
 from robocorba.map_editor.corba import maps
 from robocorba.map_editor.edit_session import EditSession, EditSessions
 from robocorba.map_editor.long_requests import LongRequests
-from robocorba.map_editor.map_building_agent import Transaction
+from robocorba.map_editor.map_building_agent import BuildingEditor, Transaction
 from robocorba.map_editor.pages import MAX_PAGE
 from robocorba.map_editor.proposals import Proposals
 from robocorba.map_editor.time_limit import time_limit
-from robocorba.orb.exceptions import translating
+from robocorba.orb.exceptions import forwarded, translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.extras import require_extra
@@ -66,13 +66,8 @@ class TransactionServant(RoboCorba__POA.Transaction):
     def remove(self, id: Any, expected: int) -> None:
         self._transaction.remove(*maps.key_of(id), expected)
 
-    @translating
-    def commit(self) -> int:
-        return self._transaction.commit()
-
-    @translating
-    def rollBack(self) -> None:
-        self._transaction.roll_back()
+    commit = forwarded("_transaction", Transaction.commit)
+    rollBack = forwarded("_transaction", Transaction.roll_back)
 
     @translating
     def problems(self) -> list[Any]:
@@ -160,13 +155,8 @@ class EditSessionServant(RoboCorba__POA.EditSession):
     def begin(self) -> Any:
         return self._transactions.activate(lambda: TransactionServant(self._session.begin()))
 
-    @translating
-    def undo(self) -> int:
-        return self._session.undo()
-
-    @translating
-    def redo(self) -> int:
-        return self._session.redo()
+    undo = forwarded("_session", EditSession.undo)
+    redo = forwarded("_session", EditSession.redo)
 
     @translating
     def close(self) -> None:
@@ -249,18 +239,16 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
 
     @translating
     def editsSince(self, since: int) -> list[Any]:
-        return maps.edits(self._editor.edits_since(since))
+        return [maps.edit(each) for each in self._editor.edits_since(since)]
 
     @translating
     def propose(self, onFloor: str, outline: Any, certainty: float, seenBy: str) -> str:
         return self._proposals.propose(onFloor, [maps.xy_of(point) for point in outline], certainty, seenBy)
 
     def proposals(self) -> list[Any]:
-        return maps.proposals(self._proposals.open())
+        return [maps.proposal(each) for each in self._proposals.open()]
 
-    @translating
-    def rejectProposal(self, name: str) -> None:
-        self._proposals.reject(name)
+    rejectProposal = forwarded("_proposals", Proposals.reject)
 
     @translating
     def getUnderlay(self, onFloor: str) -> Any:
@@ -270,13 +258,8 @@ class MapEditorServant(ServerServant, RoboCorba__POA.MapEditor):
     def setUnderlay(self, onFloor: str, value: Any) -> None:
         self._editor.set_underlay(onFloor, maps.underlay_of(value))
 
-    @translating
-    def undo(self, expected: int) -> int:
-        return self._editor.undo(expected)
-
-    @translating
-    def redo(self, expected: int) -> int:
-        return self._editor.redo(expected)
+    undo = forwarded("_editor", BuildingEditor.undo)
+    redo = forwarded("_editor", BuildingEditor.redo)
 
     @translating
     def changesSince(self, since: int) -> list[Any]:

@@ -24,8 +24,12 @@ from robocorba.stubs import RoboCorba
 #: Returns an element by kind, floor and name, None if there is none.
 Find: TypeAlias = Callable[[ElementKind, str, str], Element | None]
 
-_KIND = enumeration(ElementKind, suffix="_ELEMENT")
-_POINT = Converter(lambda point: RoboCorba.XY(*point), lambda found: (found.x, found.y))
+_KIND: Converter[ElementKind] = enumeration(ElementKind, suffix="_ELEMENT")
+#: The ElementKind enumerator of a kind, and the kind of one.
+enumerator_of, kind_of = _KIND.both
+_POINT: Converter[XY] = Converter(lambda point: RoboCorba.XY(*point), lambda found: (found.x, found.y))
+#: An XY struct, and the point of one.
+xy, xy_of = _POINT.both
 _POINTS = sequence(_POINT)
 _ENDS = {"fromPoint": "a", "toPoint": "b"}
 
@@ -36,16 +40,6 @@ _SHAPES = {
     model.CircleShape: (RoboCorba.CIRCLE_SHAPE, "radius", SAME),
     model.PolygonShape: (RoboCorba.POLYGON_SHAPE, "points", _POINTS),
 }
-
-
-def xy(point: XY) -> Any:
-    """An XY struct."""
-    return RoboCorba.XY(*point)
-
-
-def xy_of(point: Any) -> XY:
-    """The point of an XY struct."""
-    return (point.x, point.y)
 
 
 def _shape(value: Shape) -> Any:
@@ -63,7 +57,7 @@ def _shape_of(union: Any) -> Shape:
 _ELEVATOR_DOOR = struct_converter(
     model.ElevatorDoor, RoboCorba.ElevatorDoor, {"onFloor": "floor"}, side=enumeration(CabinSide)
 )
-_ELEMENTS = {
+_ELEMENTS: dict[ElementKind, Converter[Any]] = {
     ElementKind.FLOOR: struct_converter(model.Floor, RoboCorba.Floor, outline=_POINTS),
     ElementKind.WALL: struct_converter(model.Wall, RoboCorba.Wall, _ENDS, a=_POINT, b=_POINT),
     ElementKind.OBJECT: struct_converter(
@@ -174,17 +168,6 @@ def replacement_of(union: Any, floor: str, find: Find) -> Element:
     return value
 
 
-def kind_of(enumerator: Any) -> ElementKind:
-    """The kind of an ElementKind enumerator."""
-    kind: ElementKind = _KIND.from_idl(enumerator)
-    return kind
-
-
-def enumerator_of(kind: ElementKind) -> Any:
-    """The ElementKind enumerator of a kind."""
-    return _KIND.to_idl(kind)
-
-
 def key_of(struct: Any) -> ElementKey:
     """The key of an ElementId."""
     return ElementKey(kind_of(struct.kind), struct.onFloor, struct.name)
@@ -236,14 +219,8 @@ def selection_of(struct: Any) -> Selection:
     return Selection(tuple(dict.fromkeys(map(kind_of, struct.kinds))), struct.onFloor)
 
 
-def position(value: ChangePosition) -> Any:
-    """A ChangePosition."""
-    return RoboCorba.ChangePosition(*value)
-
-
-def position_of(struct: Any) -> ChangePosition:
-    """The position of a ChangePosition."""
-    return ChangePosition(struct.since, struct.taken)
+#: A ChangePosition struct, and the position of one.
+position, position_of = struct_converter(ChangePosition, RoboCorba.ChangePosition).both
 
 
 def change_page(page: ChangePage) -> Any:
@@ -257,34 +234,14 @@ def element_page(page: ElementPage) -> Any:
     return RoboCorba.ElementPage(page.read_at, records, page.next, page.is_last)
 
 
-_EDIT_RECORD = struct_converter(EditRecord, RoboCorba.EditRecord, {"changedTo": "version", "time": "time_s"})
-
-
-def edits(values: Iterable[EditRecord]) -> list[Any]:
-    """An EditRecordSeq."""
-    return [_EDIT_RECORD.to_idl(value) for value in values]
-
-
-def edits_of(found: Iterable[Any]) -> list[EditRecord]:
-    """The edits of an EditRecordSeq."""
-    return [_EDIT_RECORD.from_idl(one) for one in found]
-
-
-_PROPOSAL = struct_converter(
+#: An EditRecord struct, and the edit of one.
+edit, edit_of = struct_converter(EditRecord, RoboCorba.EditRecord, {"changedTo": "version", "time": "time_s"}).both
+#: A Proposal struct, and the proposal of one.
+proposal, proposal_of = struct_converter(
     *(Proposal, RoboCorba.Proposal, {"onFloor": "floor", "age": "age_s", "unseen": "unseen_s"}),
     outline=_POINTS,
     seen_by=STRINGS,
-)
-
-
-def proposals(values: Iterable[Proposal]) -> list[Any]:
-    """A ProposalSeq."""
-    return [_PROPOSAL.to_idl(value) for value in values]
-
-
-def proposals_of(found: Iterable[Any]) -> list[Proposal]:
-    """The proposals of a ProposalSeq."""
-    return [_PROPOSAL.from_idl(one) for one in found]
+).both
 
 
 def underlay(value: Underlay | None) -> Any:

@@ -84,7 +84,7 @@ class RemoteMapEditor:
 
     def edits_since(self, version: int) -> list[EditRecord]:
         """The edits after `version`, oldest first. Raises VersionUnavailable."""
-        return maps.edits_of(self._editor.call(lambda editor: editor.editsSince(version)))
+        return [maps.edit_of(each) for each in self._editor.call(lambda editor: editor.editsSince(version))]
 
     def check(self) -> list[Finding]:
         """What robots of the usual radius can't do in the building."""
@@ -110,7 +110,7 @@ class RemoteMapEditor:
 
     def proposals(self) -> list[Proposal]:
         """The open proposals, oldest first."""
-        return maps.proposals_of(self._editor.call(lambda editor: editor.proposals()))
+        return [maps.proposal_of(each) for each in self._editor.call(lambda editor: editor.proposals())]
 
     def reject_proposal(self, name: str) -> None:
         """Close a proposal. Raises UnknownElement if it is not open."""

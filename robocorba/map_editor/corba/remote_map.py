@@ -79,7 +79,7 @@ class RemoteMap:
         """The open proposals, oldest first; none of a map editor that does not know them. Raises NotReachable."""
         with translated("the map editor"):
             try:
-                return maps.proposals_of(self._editor.proposals())
+                return [maps.proposal_of(each) for each in self._editor.proposals()]
             except CORBA.BAD_OPERATION:
                 return []
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from robocorba.missions.corba import missions
 from robocorba.missions.mission_control import MissionControl
-from robocorba.orb.exceptions import translating
+from robocorba.orb.exceptions import forwarded, translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba__POA
 
@@ -28,13 +28,8 @@ class MissionControlServant(ServerServant, RoboCorba__POA.MissionControl):
     def leaders(self, name: str) -> list[Any]:
         return missions.leaders(self._control.missions.mission(name).content)
 
-    @translating
-    def start(self, leader: str, icon: str) -> str:
-        return self._control.start(leader, icon)
-
-    @translating
-    def abort(self, name: str) -> None:
-        self._control.abort(name)
+    start = forwarded("_control", MissionControl.start)
+    abort = forwarded("_control", MissionControl.abort)
 
     @translating
     def report(self, name: str) -> str:

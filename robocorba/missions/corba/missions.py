@@ -22,35 +22,25 @@ from robocorba.simulation.mission_record import (
 )
 from robocorba.stubs import RoboCorba
 
-_LEADER = struct_converter(LeaderRecord, RoboCorba.MissionLeader)
-_STATE = struct_converter(
+_leader, leader_of = struct_converter(LeaderRecord, RoboCorba.MissionLeader).both
+_state, mission_state_of = struct_converter(
     lambda name, version, **content: MissionState(name, version, MissionContent(**content)),
     RoboCorba.MissionState,
     {"current": "version"},
     members=sequence(struct_converter(MemberRecord, RoboCorba.MissionMember)),
     phases=sequence(struct_converter(PhaseRecord, RoboCorba.MissionPhase)),
     result=enumeration(MissionResult, "MISSION_"),
-)
+).both  # of the IDL's, members of the record that are RECORD_ONLY have their defaults
 
 
 def mission_state(state: MissionState) -> Any:
     content = msgspec.structs.asdict(state.content)
-    return _STATE.to_idl(SimpleNamespace(name=state.name, version=state.version, **content))
-
-
-def mission_state_of(struct: Any) -> MissionState:
-    """The state; members of the record that are RECORD_ONLY have their defaults."""
-    state: MissionState = _STATE.from_idl(struct)
-    return state
+    flat: Any = SimpleNamespace(name=state.name, version=state.version, **content)
+    return _state(flat)
 
 
 def leaders(content: MissionContent) -> list[Any]:
-    return [_LEADER.to_idl(each) for each in content.all_leaders]
-
-
-def leader_of(struct: Any) -> LeaderRecord:
-    leader: LeaderRecord = _LEADER.from_idl(struct)
-    return leader
+    return [_leader(each) for each in content.all_leaders]
 
 
 register(robots.InvalidProgram, RoboCorba.InvalidProgram, "icon", "parameter", "reason")

@@ -123,7 +123,8 @@ _FORBIDDEN_AREA = Converter(
     lambda area: RoboCorba.ForbiddenArea(area[0], [xy(corner) for corner in area[1]]),
     lambda found: (found.onFloor, tuple(map(xy_of, found.polygon))),
 )
-_REQUEST = struct_converter(
+#: A PathRequest struct, and the request of one; raises InvalidRequest for an area that is not FLOOR/NAME.
+request, request_of = struct_converter(
     *(PathRequest, RoboCorba.PathRequest),
     {"robotRadius": "radius", "robotSpeed": "speed", "navigationGraph": "graph"},
     start=_PLACE,
@@ -134,18 +135,7 @@ _REQUEST = struct_converter(
     avoid_areas=Converter(lambda areas: [f"{floor}/{area}" for floor, area in areas], _avoided_areas),
     forbidden_areas=sequence(_FORBIDDEN_AREA),
     without_movables=STRINGS,
-)
-
-
-def request(wanted: PathRequest) -> Any:
-    """The PathRequest struct of a request."""
-    return _REQUEST.to_idl(wanted)
-
-
-def request_of(struct: Any) -> PathRequest:
-    """The request of a PathRequest struct. Raises InvalidRequest for an area that is not FLOOR/NAME."""
-    wanted: PathRequest = _REQUEST.from_idl(struct)
-    return wanted
+).both
 
 
 register(errors.InvalidPoint, RoboCorba.InvalidPoint, "which", "field", "reason")

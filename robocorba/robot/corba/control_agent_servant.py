@@ -8,7 +8,7 @@ from typing import Any
 from robocorba.errors.robots import InvalidProgram
 from robocorba.errors.services import NotReachable
 from robocorba.map_editor.element_rules import name_violations
-from robocorba.orb.exceptions import translating
+from robocorba.orb.exceptions import forwarded, translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.planning.corba import paths
 from robocorba.robot import model_switcher
@@ -112,9 +112,7 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
             raise InvalidProgram("", "mission", reason)
         self._others.lead_mission(mission, program.of_icon(icon), term)
 
-    @translating
-    def abortMission(self, mission: str) -> None:
-        self._others.abort_mission(mission)
+    abortMission = forwarded("_others", OtherRobots.abort_mission)
 
     @translating
     def loadProgram(self, json: str) -> None:
@@ -124,36 +122,21 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     def fingerprint(self, json: str) -> str:
         return str(self._programs.fingerprint(json))
 
-    @translating
-    def upload(self, json: str, checked: str) -> int:
-        return self._programs.upload(json, checked)
+    upload = forwarded("_programs", CheckedPrograms.upload)
 
     @translating
     def reports(self, since: str) -> Any:
         return robot_states.run_reports(*self._programs.reports(since))
 
-    @translating
-    def run(self, stepping: bool) -> None:
-        self._agent.run(stepping)
+    run = forwarded("_agent", ControlAgent.run)
 
     def iconsFrom(self, number: int) -> list[Any]:
         return [robot_states.begun(icon) for icon in self._agent.begun(number)]
 
-    @translating
-    def pause(self) -> None:
-        self._agent.pause()
-
-    @translating
-    def resume(self) -> None:
-        self._agent.resume()
-
-    @translating
-    def step(self) -> None:
-        self._agent.step()
-
-    @translating
-    def answer(self, number: int, yes: bool) -> None:
-        self._agent.answer(number, yes)
+    pause = forwarded("_agent", ControlAgent.pause)
+    resume = forwarded("_agent", ControlAgent.resume)
+    step = forwarded("_agent", ControlAgent.step)
+    answer = forwarded("_agent", ControlAgent.answer)
 
     def abort(self) -> None:
         self._agent.abort()
@@ -161,13 +144,8 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     def stop(self) -> None:
         self._agent.stop_durably()
 
-    @translating
-    def resetStop(self) -> None:
-        self._agent.reset_stop()
-
-    @translating
-    def switchAdaptor(self, adaptor: str, arguments: list[str]) -> None:
-        self._agent.switch(adaptor, arguments)
+    resetStop = forwarded("_agent", ControlAgent.reset_stop)
+    switchAdaptor = forwarded("_agent", ControlAgent.switch)
 
     def adaptors(self) -> list[str]:
         return model_switcher.installed()
@@ -176,6 +154,4 @@ class RobotAgentServant(ServerServant, RoboCorba__POA.RobotAgent):
     def drive(self, wanted: Any, valid_for: float) -> None:
         self._agent.drive((wanted.ahead, wanted.left, wanted.turn), valid_for)
 
-    @translating
-    def setSpeedCap(self, speed: float) -> None:
-        self._agent.cap_speed(speed)
+    setSpeedCap = forwarded("_agent", ControlAgent.cap_speed)

@@ -82,7 +82,7 @@ def actor_command_of(struct: Any) -> ActorCommand:
 
 
 _REPORT = struct_converter(ProgramReport, RoboCorba.ProgramReport, result=enumeration(ProgramResult))
-_AGENT_STATE = struct_converter(
+agent_state, agent_state_of = struct_converter(
     AgentState,
     RoboCorba.AgentState,
     {"tickJitter": "jitter_s"},
@@ -90,29 +90,11 @@ _AGENT_STATE = struct_converter(
     at=Converter(lambda pose: pose, pose_of),
     actor=Converter(actor_state, actor_state_of),
     program=_REPORT,
-)
-
-
+).both
 _RUN = struct_converter(RunReport, RoboCorba.RunReport, program=_REPORT)
-_DISPLAY = struct_converter(Display, RoboCorba.AgentDisplay, kind=enumeration(DisplayKind, "DISPLAY_"))
-
-
-def agent_state(state: AgentState) -> Any:
-    return _AGENT_STATE.to_idl(state)
-
-
-def agent_state_of(struct: Any) -> AgentState:
-    state: AgentState = _AGENT_STATE.from_idl(struct)
-    return state
-
-
-def display(shown: Display) -> Any:
-    return _DISPLAY.to_idl(shown)
-
-
-def display_of(struct: Any) -> Display:
-    shown: Display = _DISPLAY.from_idl(struct)
-    return shown
+display, display_of = struct_converter(Display, RoboCorba.AgentDisplay, kind=enumeration(DisplayKind, "DISPLAY_")).both
+begun, begun_of = struct_converter(IconBegun, RoboCorba.IconBegun).both
+plan_record, plan_of = struct_converter(Plan, RoboCorba.PlanRecord, {"current": "version"}).both
 
 
 def program_check(report: CheckReport) -> Any:
@@ -135,14 +117,6 @@ def program_check_of(struct: Any) -> CheckReport:
     return report
 
 
-def begun(icon: IconBegun) -> Any:
-    return RoboCorba.IconBegun(*icon)
-
-
-def begun_of(struct: Any) -> IconBegun:
-    return IconBegun(struct.number, struct.icon, struct.kind, struct.seconds)
-
-
 def run_reports(reports: Sequence[RunReport], following: str) -> Any:
     """A RunReports struct. following: where the next call begins."""
     return RoboCorba.RunReports([_RUN.to_idl(report) for report in reports], following)
@@ -150,14 +124,6 @@ def run_reports(reports: Sequence[RunReport], following: str) -> Any:
 
 def run_reports_of(struct: Any) -> tuple[list[RunReport], str]:
     return [_RUN.from_idl(report) for report in struct.reports], struct.next
-
-
-def plan_record(plan: Plan) -> Any:
-    return RoboCorba.PlanRecord(plan.name, plan.version, plan.content)
-
-
-def plan_of(struct: Any) -> Plan:
-    return Plan(struct.name, struct.current, struct.content)
 
 
 register(errors.FingerprintMismatch, RoboCorba.FingerprintMismatch, "part", "checked", "present")

@@ -7,7 +7,7 @@ from typing import Any
 
 from omniORB import CORBA
 
-from robocorba.orb.exceptions import translating
+from robocorba.orb.exceptions import forwarded, translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.simulation.corba import floors, scans, sessions
 from robocorba.simulation.mission_directory import MissionDirectory
@@ -84,9 +84,7 @@ class OmniDatabaseServant(ServerServant, RoboCorba__POA.OmniDatabase):
     def mission(self, name: str) -> Any:
         return _record(self._missions.stored(name))
 
-    @translating
-    def removeMission(self, name: str) -> None:
-        self._missions.remove_mission(name)
+    removeMission = forwarded("_missions", MissionDirectory.remove_mission)
 
 
 def _record(mission: Mission) -> Any:

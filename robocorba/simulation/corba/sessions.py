@@ -33,7 +33,8 @@ def pose_of(struct: Any) -> Pose:
     return Pose(struct.floor, struct.x, struct.y, struct.heading)
 
 
-_DESCRIPTION = struct_converter(
+#: A RobotDescription struct, and the robot of one; raises InvalidDescription.
+description, description_of = struct_converter(
     Description,
     RoboCorba.RobotDescription,
     {"start": "pose", "radius": "radius_m", "mass": "mass_kg"},
@@ -42,17 +43,7 @@ _DESCRIPTION = struct_converter(
         lambda limits: RoboCorba.MotionLimits(*limits),
         lambda found: Limits(found.speed, found.turn, found.acceleration, found.turnAcceleration),
     ),
-)
-
-
-def description_of(struct: Any) -> Description:
-    """Raises InvalidDescription."""
-    about: Description = _DESCRIPTION.from_idl(struct)
-    return about
-
-
-def description(about: Description) -> Any:
-    return _DESCRIPTION.to_idl(about)
+).both
 
 
 def robot_state(state: RobotMotion, holding: str, riding: RideStatus | None, collisions: int, touched: str) -> Any:
@@ -148,24 +139,10 @@ def sensor_state(sensor: SensorServer) -> Any:
     return RoboCorba.SensorState(sensor.name, load(sensor.load), len(sensor.robots))
 
 
-def stop_state(state: StopState) -> Any:
-    return RoboCorba.StopState(*state)
-
-
-def stop_state_of(struct: Any) -> StopState:
-    return StopState(struct.robot, struct.held, struct.stands, struct.speed, struct.confirmed, struct.waitsFor)
-
-
-def stop_hold(hold: StopHold) -> Any:
-    return RoboCorba.StopHold(*hold)
-
-
-def stop_hold_of(struct: Any) -> StopHold:
-    return StopHold(struct.held, struct.number, struct.reason)
-
-
-def stop_answer_of(struct: Any) -> StopAnswer:
-    return StopAnswer(struct.stopped, struct.confirmed, struct.reason)
+_STOP_MEMBERS = {"held": "is_held", "stopped": "is_stopped", "confirmed": "is_confirmed"}
+stop_state, stop_state_of = struct_converter(StopState, RoboCorba.StopState, _STOP_MEMBERS).both
+stop_hold, stop_hold_of = struct_converter(StopHold, RoboCorba.StopHold, _STOP_MEMBERS).both
+stop_answer, stop_answer_of = struct_converter(StopAnswer, RoboCorba.StopAnswer, _STOP_MEMBERS).both
 
 
 register_with(

@@ -10,7 +10,7 @@ from typing import Any
 from omniORB import CORBA
 
 from robocorba.errors.simulation import SensorRefused
-from robocorba.orb.exceptions import translating
+from robocorba.orb.exceptions import forwarded, translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.simulation.corba import scans, sessions
 from robocorba.simulation.corba.registered_sensors import RegisteredSensors
@@ -65,9 +65,7 @@ class SimulationServerServant(ServerServant, RoboCorba__POA.SimulationServer):
     def reportScans(self, name: str, latest: list[Any]) -> float:
         return self._earlier_version(name).reportScans(latest)
 
-    @translating
-    def registerSensor(self, name: str, reference: Any, proof: str) -> Any:
-        return self._sensors.register(name, reference, proof)
+    registerSensor = forwarded("_sensors", RegisteredSensors.register)
 
     def stopRobots(self, robots: list[str], reason: str) -> list[Any]:
         return [sessions.stop_state(state) for state in self._stops.stop(robots, reason)]
@@ -243,13 +241,8 @@ class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
     def setLimit(self, robots: int) -> None:
         self._agent.configure(limit=robots)
 
-    @translating
-    def evict(self, robot: str) -> None:
-        self._agent.evict(robot)
-
-    @translating
-    def resetStop(self, robot: str) -> None:
-        self._stops.reset_robot(robot)
+    evict = forwarded("_agent", ManagementAgent.evict)
+    resetStop = forwarded("_stops", EmergencyStops.reset_robot)
 
     @translating
     def setPace(self, pace: float) -> None:
@@ -271,13 +264,8 @@ class SimulationAdministratorServant(RoboCorba__POA.SimulationAdministrator):
     def step(self, steps: int) -> None:
         self._agent.loop.step(steps)
 
-    @translating
-    def keepOut(self, robot: str) -> bool:
-        return self._agent.keep_out(robot)
-
-    @translating
-    def admit(self, robot: str) -> bool:
-        return self._agent.admit(robot)
+    keepOut = forwarded("_agent", ManagementAgent.keep_out)
+    admit = forwarded("_agent", ManagementAgent.admit)
 
     @translating
     def keptOut(self) -> list[str]:

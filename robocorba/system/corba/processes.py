@@ -6,29 +6,15 @@ from typing import Any
 
 from robocorba.errors.services import ProcessExists, UnknownProcess
 from robocorba.orb.exceptions import register
+from robocorba.orb.structs import STRINGS, enumeration, struct_converter
 from robocorba.stubs import RoboCorba
 from robocorba.system.processes import ProcessPhase, ProcessState, RobotOrder
 
-_PHASES = {phase: getattr(RoboCorba, f"PROCESS_{phase.name}") for phase in ProcessPhase}
-_PHASE_OF = {struct: phase for phase, struct in _PHASES.items()}
-
-
-def process_state(state: ProcessState) -> Any:
-    return RoboCorba.ProcessState(
-        state.name, _PHASES[state.phase], state.pid, state.restarts, state.since, list(state.bound_names), state.problem
-    )
-
-
-def process_state_of(struct: Any) -> ProcessState:
-    return ProcessState(
-        struct.name,
-        _PHASE_OF[struct.phase],
-        struct.processId,
-        struct.restarts,
-        struct.since,
-        tuple(struct.boundNames),
-        struct.problem,
-    )
+process_state, process_state_of = struct_converter(
+    *(ProcessState, RoboCorba.ProcessState, {"processId": "pid"}),
+    phase=enumeration(ProcessPhase, "PROCESS_"),
+    bound_names=STRINGS,
+).both
 
 
 def robot_order(order: RobotOrder) -> Any:

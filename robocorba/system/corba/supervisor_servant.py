@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robocorba.orb.exceptions import translating
+from robocorba.orb.exceptions import forwarded, translating
 from robocorba.orb.server_release import ServerServant
 from robocorba.stubs import RoboCorba__POA
 from robocorba.system.corba import processes as conversion
@@ -25,10 +25,5 @@ class SupervisorServant(ServerServant, RoboCorba__POA.Supervisor):
     def startRobot(self, order: Any) -> None:
         self._supervisor.start_robot(conversion.robot_order_of(order))
 
-    @translating
-    def endRobot(self, name: str) -> None:
-        self._supervisor.end_robot(name)
-
-    @translating
-    def logLines(self, name: str, lines: int) -> list[str]:
-        return self._supervisor.log_lines(name, lines)
+    endRobot = forwarded("_supervisor", Processes.end_robot)
+    logLines = forwarded("_supervisor", Processes.log_lines)
