@@ -14,7 +14,10 @@ BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network --network paper", "network --network paper --leader all", "network", "channel"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
-    "robots": ("virtual_and_actual", "control", "stops", "kept_stops", "fleet", "fleet --robots 200 --stops 3"),
+    "robots": (
+        *("kinematics", "virtual_and_actual", "control", "stops", "protection", "perception", "kept_stops"),
+        *("fleet", "fleet --robots 200 --stops 3"),
+    ),
     "missions": (
         *("carry", "network", "many", "many --site elevators", "faults", "faults --fault robots"),
         *("faults --fault servers --site door", "faults --fault cut", "faults --fault ways"),

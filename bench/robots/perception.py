@@ -1,0 +1,111 @@
+"""Robots that avoid what they see: no contact with things that no map has, and what seeing takes.
+
+    python -m bench.robots.perception [--robots 6] [--things 20] [--minutes 30]
+
+Robots drive from place to place in a hall with things between them: bodies in the simulation that report to nobody
+where they are. Two more robots avoid what the simulation knows, to compare what they take at the same time."""
+
+from __future__ import annotations
+
+import contextlib
+import random
+import statistics
+import time
+
+import psutil
+
+from bench.common.harness import folder_of_bench, run
+from robocorba.errors.base import RoboCorbaError
+from robocorba.map_editor.model import Building, Floor, FloorMap, GeometricalMap, Wall
+from robocorba.map_editor.spatial.pose import XY
+from robocorba.robot.agent_state import AgentCondition, ProgramResult
+from robocorba.robot.programs.graphic_programming import ProgramBuilder
+from robocorba.robot.programs.program import dumps
+from robocorba.stubs import RoboCorba
+from testkit.heartbeats import heartbeats
+from testkit.missions import FLOOR, MissionSystem, RobotStart, missions
+from testkit.report import at_least, at_most, distribution, summarize
+from testkit.simulation import about
+
+WIDE_M, DEEP_M, MAX_COST_PERCENT, MIN_ARRIVED = 18.0, 12.0, 3.0, 0.99
+#: Where robots drive to, and between them, where things are [m].
+PLACES = [(x, y) for x in (1.5, 4.5, 7.5, 10.5, 13.5, 16.5) for y in (1.5, 4.5, 7.5, 10.5)]
+BETWEEN = [(x, y) for x in (3.0, 6.0, 9.0, 12.0, 15.0) for y in (1.5, 3.0, 4.5, 7.5, 9.0, 10.5)]
+
+
+def hall() -> Building:
+    outline = ((0.0, 0.0), (WIDE_M, 0.0), (WIDE_M, DEEP_M), (0.0, DEEP_M))
+    walls = {f"w{x}": Wall(f"w{x}", (x, 5.4), (x, 6.6)) for x in (4.5, 9.0, 13.5)}
+    return Building("hall", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), GeometricalMap(walls, {}, {}))})
+
+
+def drive(place: MissionSystem, seconds: float, choice: random.Random) -> dict[str, list[str]]:
+    """Let each robot drive to another free place as soon as it is at one: why its drives failed, empty if not. On a
+    busy machine servers may answer a robot too late: then it is started again, and that drive does not count."""
+    goals: dict[str, XY] = {}
+    ends: dict[str, list[str]] = {name: [] for name in place.robots}
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        for name in place.robots:
+            agent, state = place.agent(name), place.agent(name).state()
+            if state.condition is AgentCondition.RUNNING:
+                continue
+            with contextlib.suppress(RoboCorbaError):
+                goal = goals.pop(name, None)
+                if state.condition is AgentCondition.STOPPED:
+                    agent.reset_stop()
+                elif goal:
+                    reason = f"{name} to {goal}: {state.program.reason}"
+                    ends[name].append("" if state.program.result is ProgramResult.DONE else reason)
+                x, y = choice.choice([each for each in PLACES if each not in goals.values()])
+                agent.load(dumps(ProgramBuilder("go").mbase_path(FLOOR, x, y).program()))
+                agent.run()
+                goals[name] = x, y
+        time.sleep(0.1)
+    return ends
+
+
+def contacts_of(place: MissionSystem, name: str) -> int:
+    """By its bumper, since it logged on."""
+    agent = place.orb.resolve(f"Robots/{name}", RoboCorba.RobotAgent)
+    return int(sum(each.value for each in agent._get_sensors().readings() if each.name == "bumper"))
+
+
+def main(robots: int = 6, things: int = 20, minutes: float = 30.0) -> bool:
+    choice = random.Random(1)
+    with folder_of_bench() as folder, missions(folder, hall()) as place:
+        bodies = []
+        for number, (x, y) in enumerate(choice.sample(BETWEEN, things)):
+            at, radius_m = (x + choice.uniform(-0.3, 0.3), y + choice.uniform(-0.3, 0.3)), choice.uniform(0.1, 0.3)
+            bodies.append(place.server.registerRobot(about(f"thing{number}", *at, floor=FLOOR, radius=radius_m)))
+        with contextlib.closing(heartbeats(lambda: bodies)):
+            starts = [RobotStart(x, y, 0.0, "") for x, y in choice.sample(PLACES, robots + 2)]
+            seeing, others = (
+                [f"{kind}{number}" for number in range(count)] for kind, count in (("S", robots), ("M", 2))
+            )
+            place.start(dict(zip(seeing, starts, strict=False)), "--perceive", "sensors")
+            place.start(dict(zip(others, starts[robots:], strict=True)))
+            processes = {name: psutil.Process(process.pid) for name, process in place.robots.items()}
+            before = {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
+            ends = drive(place, 60.0 * minutes, choice)
+            took_s = {name: sum(process.cpu_times()[:2]) - before[name] for name, process in processes.items()}
+            contacts = {name: contacts_of(place, name) for name in place.robots}
+    busy = {name: took_s[name] / (60.0 * minutes) * 100 for name in took_s}
+    rows = [
+        {"robot": name, "arrived": ends[name].count(""), "contacts": contacts[name], "CPU, %": busy[name]}
+        for name in busy
+    ]
+    drives = [end for name in seeing for end in ends[name]]
+    print(*filter(None, drives), sep="\n")
+    cost = statistics.median(busy[name] for name in seeing) - statistics.median(busy[name] for name in others)
+    marks = [
+        at_most("contacts of robots that see", sum(contacts[name] for name in seeing), 0),
+        at_least("share of drives that arrive", drives.count("") / max(1, len(drives)), MIN_ARRIVED),
+        at_most("cost of a robot, % of a core", cost, MAX_COST_PERCENT),
+    ]
+    draw = distribution({"see": [busy[name] for name in seeing], "don't": [busy[name] for name in others]}, "CPU, %")
+    return summarize("perception", f"{robots} robots among {things} things that no map has", rows, marks, draw)
+
+
+if __name__ == "__main__":
+    run(main)
