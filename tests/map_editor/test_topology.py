@@ -18,7 +18,6 @@ from shapely import LineString, Point, Polygon
 from robocorba.errors.maps import InvalidElement, TooSlow, UnknownElement
 from robocorba.map_editor import geometry, validation
 from robocorba.map_editor.collisions import blockages
-from robocorba.map_editor.formats import read_map
 from robocorba.map_editor.model import (
     BoxShape,
     Building,
@@ -44,7 +43,6 @@ from robocorba.map_editor.topology import topological_map
 from robocorba.map_editor.topology.roadmap import SAME_POINT_M
 from robocorba.map_editor.topology.sites import sites_of
 from testkit.buildings import with_all
-from tests.map_editor.formats.rmf_files import real_file
 
 RADIUS = 0.40
 
@@ -170,13 +168,6 @@ def test_sample_floors(sample: str, floor: str) -> None:
     for area in building.floors[floor].geometrical.areas.values():
         inner = Polygon(area.polygon).buffer(-0.1)
         assert any(inner.contains(Point(node.at)) for node in roads.nodes.values()), area.name
-
-
-@pytest.mark.parametrize("name", ["hotel", "office"])
-def test_real_buildings(name: str) -> None:
-    building = read_map(real_file(name)).building
-    for floor in building.floors:
-        check_whole(building, floor, topological_map(building, floor, 0.25), 0.25)
 
 
 @pytest.mark.parametrize("bounded", [True, False])

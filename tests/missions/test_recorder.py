@@ -1,31 +1,27 @@
-"""A leader's records of its missions, which never hold up the mission, and who leads it when its leader is gone."""
+"""A leader's records of its missions, which never hold up the mission; who claims one, test_succession_of_leaders.py
+and test_missions_under_faults.py try."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 
-from robocorba.errors.robots import IllegalOrder, MissionFailed, MissionTakenOver
+from robocorba.errors.robots import MissionTakenOver
 from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
-from robocorba.missions import succession
-from robocorba.missions.member import DEFAULT_POLICY
 from robocorba.missions.messages import Answer, MemberState
 from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder, claimed
 from robocorba.missions.report import MAX_BRIEF_EVENTS, MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, plan_of
-from robocorba.missions.succession import Succession
 from robocorba.missions.transport import Received
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
 from robocorba.simulation.store import Mission
 from robocorba.system.backoff import Backoff
 from tests.clock import Clock
-from tests.missions.virtual_time import VirtualTime
 from tests.robot.places import eventually
 
 QUICK = Backoff(0.001, 0.002)
@@ -157,82 +153,6 @@ def test_what_a_leader_of_a_later_term_has_written_stays(
         recorder.write("m", content(5))
 
 
-# ---- who leads ----
-
-
-def is_silent(leader: str, mission: str) -> bool:
-    """The leader does not answer."""
-    return False
-
-
-#: Led by another robot; by this one, before and after it began.
-OTHERS, GIVEN = replace(NEW, leader="B", begun=1.0), replace(NEW, begun=4e9)
-OWN = replace(GIVEN, phases=(PhaseRecord("asking", 4e9),))
-
-
-@pytest.mark.parametrize(
-    ("stored", "term", "claim"),
-    [
-        (None, 0, NEW),
-        (GIVEN, 0, NEW),  # by the clock of its leader
-        (OWN, 0, OWN),
-        (replace(OWN, term=4), 4, replace(OWN, term=4)),
-        (replace(NEW, term=2, is_offered=True), 2, replace(NEW, term=2)),
-        (replace(OTHERS, attempts=3), 1, replace(OTHERS, attempts=3).taken_over("A", "B was silent", 100.0)),
-    ],
-)
-def test_a_mission_is_claimed(
-    database: Database, stored: MissionContent | None, term: int, claim: MissionContent
-) -> None:
-    database.missions = {"m": (7, stored)} if stored else {}
-    assert claimed(database, "m", NEW, term, is_silent) == claim
-    assert database.content("m") == (claim if stored else None)
-
-
-@pytest.mark.parametrize(
-    ("stored", "term", "leads", "error", "reason"),
-    [
-        (OTHERS, 1, True, MissionTakenOver, "B has taken the mission over, in term 1"),  # a leader that answers
-        (OTHERS, 0, False, MissionTakenOver, "term 1"),  # without a term nobody is displaced
-        # A request waited in a socket while the mission was given to others, or to the same robot again.
-        (replace(OTHERS, term=3), 2, False, MissionTakenOver, "term 3"),
-        (replace(NEW, term=4), 2, False, MissionTakenOver, "term 4"),
-        (replace(OTHERS, term=2, is_offered=True), 2, False, MissionTakenOver, "term 2"),
-        (None, 1, False, MissionFailed, "m is not offered any more"),
-        (replace(NEW, result=MissionResult.FAILED), 0, False, MissionFailed, "m has ended already: failed"),
-    ],
-)
-def test_a_claim_is_refused(
-    database: Database, stored: MissionContent | None, term: int, leads: bool, error: type[Exception], reason: str
-) -> None:
-    if stored:
-        database.missions["m"] = 7, stored
-    with pytest.raises(error, match=reason):
-        claimed(database, "m", NEW, term, lambda leader, mission: leads and (leader, mission) == ("B", "m"))
-    assert database.content("m") == stored
-
-
-def test_only_one_robot_takes_a_mission_over() -> None:
-    class Late(Database):
-        """Another robot is faster."""
-
-        def mission(self, name: str) -> Mission:
-            found = super().mission(name)
-            version, before = self.missions[name]
-            if before.term == 1:
-                self.missions[name] = version + 1, before.taken_over("C", "B was silent", 2.0)
-            return found
-
-    late = Late()
-    late.missions["m"] = 7, OTHERS
-    with pytest.raises(MissionTakenOver, match="C has taken the mission over, in term 2"):
-        claimed(late, "m", NEW, 1, is_silent)
-    assert late.missions["m"][0] == 8
-    late.is_away = True  # another robot could lead it in the same term
-    with pytest.raises(NotReachable):
-        claimed(late, "m", NEW)
-
-
 # ---- what is recorded ----
 
 
@@ -300,7 +220,7 @@ def test_times_go_on_under_a_leader_whose_clock_is_behind(database: Database, ke
     former = (PhaseRecord("asking", began, began + 1.0), PhaseRecord("gathering", began + 1.0, 0.0, "B"))
     database.missions["m"] = 7, replace(content(began), leader="B", phases=former)
     clock = Clock(began + 1.0 - behind_s)
-    taken = claimed(database, "m", replace(NEW, begun=clock.now), 1, is_silent)
+    taken = claimed(database, "m", replace(NEW, begun=clock.now), 1, lambda leader, mission: False)
     assert taken.leaders[-1].since == began + 1.0
     led = LedMission(kept, "m", taken, clock)
     led.begin_phase(PLAN, "one", clock.now + 2.0, ()).done.update(dict.fromkeys("AB", clock.now + 5.0))
@@ -371,114 +291,3 @@ def test_the_report_has_the_messages_that_say_something_new() -> None:
     assert brief["latency_ms"]["lab"]["count"] == 21
     many = report("done", received=[state(step, 101.0) for step in range(2 * MAX_BRIEF_EVENTS)]).brief_json()
     assert len(many["events"]) == MAX_BRIEF_EVENTS
-
-
-ICON: dict[str, Any] = {"icon": "move_table", "table": "desk"}
-RECORD = replace(NEW, icon=ICON, members=tuple(MemberRecord(robot, "helper") for robot in "BAC"))
-
-
-class Scene(Database):
-    """Robots B and C, whose leader A is silent, and the database with their mission."""
-
-    def __init__(self, time: VirtualTime) -> None:
-        super().__init__()
-        self.time, self.missions = time, {"m": (1, RECORD)}
-        #: Leaders that answer, robots that are busy, and how often one can't lead.
-        self.living, self.busy, self.refusals = "", "", 0
-        #: Who has taken the mission over, and when [s].
-        self.led: list[tuple[str, float]] = []
-        self.successions = {
-            robot.name: Succession(robot.name, self, self.leads, robot.can_lead, robot.lead)
-            for robot in (Robot(name, self) for name in "BC")
-        }
-
-    def begin(self, *robots: str) -> None:
-        for name in robots:
-            self.successions[name].begin("m", 1)
-
-    def leads(self, leader: str, mission: str) -> bool:
-        return leader in self.living
-
-
-class Robot:
-    """A robot that takes over; the database then names it."""
-
-    def __init__(self, name: str, scene: Scene) -> None:
-        self.name, self._scene = name, scene
-
-    def can_lead(self, mission: str) -> bool:
-        return self.name not in self._scene.busy
-
-    def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
-        version, content = self._scene.missions["m"]
-        assert (mission, icon, term) == ("m", ICON, content.term)
-        if self._scene.refusals:
-            self._scene.refusals -= 1
-            raise IllegalOrder("lead a mission", "is stopped")
-        self._scene.led.append((self.name, self._scene.time.now))
-        self._scene.missions["m"] = version + 1, content.taken_over(self.name, "A was silent", 2.0)
-
-
-@pytest.fixture
-def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
-    time = VirtualTime()
-    time.install(monkeypatch, succession)
-    yield Scene(time)
-    time.close()
-
-
-@pytest.mark.parametrize(
-    ("busy", "refusals", "led"),
-    [
-        ("", 0, ("B", 0.0)),
-        ("B", 0, ("C", DEFAULT_POLICY.turn_s)),
-        ("C", 3, ("B", 3 * DEFAULT_POLICY.record_interval_s)),
-    ],
-)
-def test_members_lead_in_turn(scene: Scene, busy: str, refusals: int, led: tuple[str, float]) -> None:
-    scene.busy, scene.refusals = busy, refusals
-    scene.begin("C", "B")
-    scene.time.run_for(30.0)
-    assert scene.led == [led]
-
-
-def test_they_wait_for_a_leader_that_answers_and_for_the_database_and_give_up(scene: Scene) -> None:
-    scene.living = "A"
-    scene.begin("B")
-    scene.time.run_for(10.0)
-    scene.living, scene.is_away = "", True
-    scene.time.run_for(10.0)
-    assert scene.led == []
-    scene.is_away = False
-    scene.time.run_for(10.0)
-    assert [name for name, _ in scene.led] == ["B"]
-    scene.missions["m"], scene.is_away = (1, RECORD), True
-    scene.begin("C")
-    scene.time.run_for(DEFAULT_POLICY.succession_limit_s + 1.0)
-    scene.is_away = False
-    scene.time.run_for(10.0)
-    scene.successions["C"].close()
-    scene.begin("C")
-    scene.time.run_for(10.0)
-    assert len(scene.led) == 1
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda content: replace(content, icon=None),
-        lambda content: replace(content, members=()),
-        lambda content: content.taken_over("C", "A was silent", 2.0),
-        lambda content: content.ended_as(MissionResult.ABORTED, "it was aborted", 2.0),
-        None,
-    ],
-)
-def test_nobody_leads_what_needs_no_leader(
-    scene: Scene, change: Callable[[MissionContent], MissionContent] | None
-) -> None:
-    scene.missions = {"m": (1, change(RECORD))} if change else {}
-    scene.begin("B")
-    scene.time.run_for(1.0)
-    scene.missions = {"m": (1, RECORD)}
-    scene.time.run_for(100.0)
-    assert scene.led == []

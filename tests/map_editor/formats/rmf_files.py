@@ -1,26 +1,14 @@
-"""Small Open-RMF files for the tests, and the real ones where they are at hand."""
+"""Small Open-RMF files for the tests."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-import pytest
 import yaml
 
 from robocorba.map_editor.formats import Imported, openrmf
 from robocorba.map_editor.formats.map_format import ReadOptions
 from robocorba.map_editor.yaml_file import parse_yaml
-
-RMF = Path(__file__).resolve().parents[4] / "shared" / "data" / "rmf"
-
-
-def real_file(name: str) -> Path:
-    """A building file of the Open-RMF demos; the test is skipped where it is absent."""
-    path = RMF / f"{name}.building.yaml"
-    if not path.is_file():
-        pytest.skip(f"{path} is not there")
-    return path
 
 
 def small() -> dict[str, Any]:

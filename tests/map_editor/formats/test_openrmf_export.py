@@ -7,7 +7,6 @@ from pathlib import Path
 
 import msgspec
 import numpy as np
-import pytest
 import shapely
 import yaml
 from hypothesis import example, given, settings
@@ -32,7 +31,6 @@ from robocorba.map_editor.model import (
 )
 from robocorba.map_editor.yaml_file import parse_yaml
 from testkit.buildings import buildings, two_floors, with_all
-from tests.map_editor.formats.rmf_files import real_file
 from tests.map_editor.formats.ros_files import BLACK, WHITE, write_ros
 from tests.planning.scenes import edge, node, wall
 
@@ -134,21 +132,6 @@ def test_losses_are_named(tmp_path: Path) -> None:
     assert list(walls) == [wall("long", 0.0, -2.0, 4.0, -2.0), wall("long_2", 5.0, -2.0, 10.0, -2.0)]
     lanes = yaml.safe_load((tmp_path / "b.building.yaml").read_text())["levels"]["G"]["lanes"]
     assert [lane[2]["graph_idx"] for lane in lanes] == [[2, 0]]
-
-
-@pytest.mark.parametrize("name", ["hotel", "office"])
-def test_real_buildings_survive(name: str, tmp_path: Path) -> None:
-    building = read_map(real_file(name)).building
-    write_map(building, tmp_path / "again.building.yaml", "openrmf")
-    again = read_map(tmp_path / "again.building.yaml").building
-    assert again.elevators == building.elevators
-    for floor, entry in building.floors.items():
-        assert again.floors[floor].topological == entry.topological
-        assert again.floors[floor].geometrical.doors == entry.geometrical.doors
-        for kind in ("wall", "object", "floor"):
-            before, after = _blocked(building, floor, kind), _blocked(again, floor, kind)
-            assert before.is_empty == after.is_empty
-            assert before.is_empty or before.hausdorff_distance(after) < 1e-3
 
 
 def _blocked(building: Building, floor: str, kind: str) -> BaseGeometry:

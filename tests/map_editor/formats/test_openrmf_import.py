@@ -7,16 +7,14 @@ import math
 import re
 from typing import Any
 
-import networkx as nx
 import pytest
 
 from robocorba.errors.maps import MapFileError
 from robocorba.map_editor import validation
 from robocorba.map_editor.checking import blocked, summaries
-from robocorba.map_editor.formats import read_map
 from robocorba.map_editor.model import CabinSide, ElevatorDoor, PathEdge
 from tests.map_editor.formats.hostile import MISSING, changed
-from tests.map_editor.formats.rmf_files import imported, real_file, small
+from tests.map_editor.formats.rmf_files import imported, small
 
 
 def test_everything_of_a_file() -> None:
@@ -308,25 +306,3 @@ def test_an_odd_lane_is_left_out_and_named(lane: Any, reason: str) -> None:
     assert found.building == plain.building
     (loss,) = set(found.losses) - set(plain.losses)
     assert re.search(reason, loss)
-
-
-def test_the_hotel() -> None:
-    result = read_map(real_file("hotel"))
-    building = result.building
-    assert validation.problems(building) == list(blocked(building)) == []
-    assert not [loss for loss in result.losses if loss.startswith("left out")]
-    assert {name: entry.floor.elevation for name, entry in building.floors.items()} == {"L1": 0, "L2": 8, "L3": 16}
-    assert [len(entry.geometrical.doors) for entry in building.floors.values()] == [5, 7, 7]
-    assert len(building.floors["L1"].topological.nodes) == 41
-    # 3.4 m between (403.349, 408.257) and (403.379, 469.32) on L1's drawing; the lobby lies at (349.99, 530.733).
-    scale = 3.4 / math.hypot(403.349 - 403.379, 408.257 - 469.32)
-    lobby = building.floors["L1"].topological.nodes["lobby"]
-    assert lobby.at == pytest.approx((349.99 * scale, -530.733 * scale), abs=1e-6)
-    graph: nx.Graph = nx.Graph()
-    for floor, entry in building.floors.items():
-        graph.add_edges_from(((floor, edge.a), (floor, edge.b)) for edge in entry.topological.edges.values())
-        cabins = [node for node in entry.topological.nodes.values() if node.elevator]
-        assert {node.elevator for node in cabins} == {"Lift1", "Lift2"}
-        assert all(math.dist(node.at, building.elevators[node.elevator].at) < 0.1 for node in cabins)
-        graph.add_edges_from(((floor, node.name), node.elevator) for node in cabins)
-    assert nx.is_connected(graph)
