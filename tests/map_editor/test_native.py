@@ -12,15 +12,14 @@ import msgspec
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from shapely import Point
 
 from robocorba.errors.files import OutputError
 from robocorba.errors.maps import InvalidElement, MapFileError
-from robocorba.map_editor import geometry, native
+from robocorba.map_editor import native
 from robocorba.map_editor.changes import elements_of
 from robocorba.map_editor.element_json import as_json, form_members, from_json
 from robocorba.map_editor.model import Area, Building, CircleShape, ElementKind, Floor, MapObject, PathEdge, Wall
-from robocorba.map_editor.samples import load_sample, sample_path
+from robocorba.map_editor.samples import sample_path
 from robocorba.map_editor.yaml_file import YamlLimits, parse_yaml, read_yaml
 from testkit.buildings import buildings, grid, two_floors
 
@@ -223,19 +222,7 @@ def test_any_damage_to_a_sound_file_ends_in_a_building_or_a_typed_error() -> Non
     assert outcomes == {Building, MapFileError}
 
 
-def test_five_floors_is_what_it_says() -> None:
-    building = load_sample("five-floors")
-    assert list(building.floors) == ["L1", "L2", "L3", "L4", "L5"]
-    stops = {name: elevator.floors() for name, elevator in building.elevators.items()}
-    assert stops == {"E1": ("L1", "L2", "L3", "L4", "L5"), "E2": ("L1", "L2", "L3"), "E3": ("L3", "L4", "L5")}
-    for floor, entry in building.floors.items():
-        assert 20 <= len(entry.topological.nodes) <= 40
-        cabins = {node.elevator: Point(node.at) for node in entry.topological.nodes.values() if node.elevator}
-        assert set(cabins) == {name for name, served in stops.items() if floor in served}
-        for name, place in cabins.items():
-            assert geometry.shaft_polygon(building.elevators[name]).contains(place)
-    edges = [edge for entry in building.floors.values() for edge in entry.topological.edges.values()]
-    assert any(edge.one_way for edge in edges) and any(edge.speed_limit for edge in edges)
+def test_a_sample_that_does_not_exist_is_refused_with_those_that_do() -> None:
     for unknown in ("", "../five-floors", "five-floors.yaml"):
         with pytest.raises(MapFileError, match="five-floors, paper-scene"):
             sample_path(unknown)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
-from unittest.mock import MagicMock
 
 import pytest
 
@@ -20,7 +19,6 @@ from robocorba.robot.model_switcher import AdaptorContext
 from robocorba.robot.motion.robot_state import Velocity
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program
-from robocorba.robot.simulated_adaptor import SimulatedAdaptor
 from tests.robot.places import Channel, InProcessSession, Place, documented_adaptor, eventually
 
 pytestmark = pytest.mark.slow
@@ -156,23 +154,6 @@ def test_the_touch_panel_shows_what_the_robot_does_and_since_when(
     shows(agent, DisplayKind.EXCEPTIONAL, "long failed: nobody answers")
 
 
-def test_a_stop_belongs_to_the_name(agent: ControlAgent, place: Place) -> None:
-    """It outlives a switch, and the robot's process, which has no time to log off; only its lease ends."""
-    agent.stop_durably("fire")
-    agent.switch("simulated", ())
-    assert (agent.state.condition, agent.state.reason) == (AgentCondition.STOPPED, "fire")
-    assert agent.stop_answer == (True, True, "fire")
-    place.agent.evict("A")
-    later = ControlAgent(AdaptorContext("A", place.session(), None), place.planner, Channel())
-    later.start("simulated")
-    assert later.stop_answer == (True, True, "fire")
-    with pytest.raises(IllegalOrder, match="is stopped: fire"):
-        later.drive((0.1, 0.0, 0.0), 1.0)
-    later.reset_stop()
-    later.drive((0.0, 0.0, 0.1), 1.0)
-    later.close()
-
-
 def test_another_robot_behind_the_same_agent(disc: ControlAgent, session: InProcessSession) -> None:
     """The documented adaptor is no body in the building: that follows it."""
     began = session.latest.at
@@ -249,32 +230,3 @@ def test_a_body_that_is_lost_is_put_where_its_robot_is(
     eventually(lambda: "m away" in disc.state.reason, "lost")
     eventually(lambda: disc.state.condition is AgentCondition.IDLE, "back")
     assert session.state().at[1:3] == pytest.approx(at[1:3], abs=0.02)
-
-
-@pytest.mark.parametrize(("adaptor", "argv"), [("simulated", ()), ("smartpal", ("--naming", "127.0.0.1:9"))])
-def test_a_robot_comes_back_from_a_switch_without_a_server(
-    agent: ControlAgent, session: InProcessSession, adaptor: str, argv: Sequence[str]
-) -> None:
-    session.is_away = True
-    with pytest.raises(AdaptorFailed, match="nobody answers"):
-        agent.switch(adaptor, argv)
-    session.is_away = False
-    eventually(lambda: agent.is_free, "the robot is back")
-    run(agent, SHORT)
-
-
-def test_without_an_adaptor_that_starts_it_is_stopped_until_a_reset(
-    agent: ControlAgent, session: InProcessSession, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("robocorba.robot.session.GIVING_BACK_S", 0.1)
-    monkeypatch.setattr(SimulatedAdaptor, "start", MagicMock(side_effect=AdaptorFailed("its motors have no power")))
-    with pytest.raises(AdaptorFailed, match="no power"):
-        agent.switch("simulated", ())
-    assert agent.state.condition is AgentCondition.STOPPED and not agent.is_free
-    assert agent.stopped.count("its motors have no power") == 2
-    with pytest.raises(AdaptorFailed, match="no power"):
-        agent.reset_stop()
-    assert agent.state.condition is AgentCondition.STOPPED
-    monkeypatch.undo()
-    agent.reset_stop()
-    run(agent, SHORT)

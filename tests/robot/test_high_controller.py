@@ -183,32 +183,6 @@ def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
         works(high)
 
 
-def test_a_stop_or_loss_during_a_reset_stays_and_so_does_a_stop_that_no_server_ends(
-    high: HighController, adaptor: Watched
-) -> None:
-    def refuse(number: int) -> None:
-        raise RobotLost("the server does not answer")
-
-    high.emergency_stop("button")
-    with pytest.raises(RobotLost):
-        high.reset_stop(end=refuse)
-    assert high.stopped == "button" and high.is_stop_confirmed
-    high.reset_stop()
-    for where in ("before_start", "before_read"):
-        high.emergency_stop("first")
-        setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
-        with pytest.raises(IllegalOrder, match="was stopped again: second"):
-            high.reset_stop()
-        assert not adaptor.disc.read(RobotState())
-        high.reset_stop()
-        works(high)
-    high.emergency_stop("button")
-    adaptor.before_start, _ = once(lambda: high.lose("nobody answers"))
-    with pytest.raises(IllegalOrder, match="was stopped again: nobody answers"):
-        high.reset_stop()
-    eventually(lambda: high.stopped == "", "found again")
-
-
 def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:
     """As by the thread of a stop that is so slow that a reset is quicker."""
     moving = driving(high)
