@@ -1,27 +1,32 @@
-"""A leader's records of its missions, which never hold up the mission; who claims one, test_succession_of_leaders.py
-and test_missions_under_faults.py try."""
+"""A leader's records of its missions, which never hold up the mission, and who leads it when its leader is gone."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 
-from robocorba.errors.robots import MissionTakenOver
+from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
+from robocorba.missions import succession
+from robocorba.missions.member import DEFAULT_POLICY
 from robocorba.missions.messages import Answer, MemberState
 from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder, claimed
 from robocorba.missions.report import MAX_BRIEF_EVENTS, MissionReport, PhaseTimes
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, plan_of
+from robocorba.missions.succession import Succession
 from robocorba.missions.transport import Received
 from robocorba.simulation.mission_record import MemberRecord, MissionContent, MissionResult, PhaseRecord
 from robocorba.simulation.store import Mission
 from robocorba.system.backoff import Backoff
 from tests.clock import Clock
+from tests.missions.virtual_time import VirtualTime
 from tests.robot.places import eventually
 
 QUICK = Backoff(0.001, 0.002)
@@ -151,6 +156,43 @@ def test_what_a_leader_of_a_later_term_has_written_stays(
     database.missions["m"] = 9, replace(content(1), leader="B")
     with pytest.raises(MissionTakenOver, match="B has taken the mission over, in term 1"):
         recorder.write("m", content(5))
+
+
+# ---- who leads ----
+
+#: Led by another robot; by this one, before and after it began.
+OTHERS, GIVEN = replace(NEW, leader="B", begun=1.0), replace(NEW, begun=4e9)
+OWN = replace(GIVEN, phases=(PhaseRecord("asking", 4e9),))
+
+
+@pytest.mark.parametrize(
+    ("stored", "term", "claim"),
+    [
+        (None, 0, NEW),
+        (GIVEN, 0, NEW),  # by the clock of its leader
+        (OWN, 0, OWN),
+        (replace(OWN, term=4), 4, replace(OWN, term=4)),
+        (replace(NEW, term=2, is_offered=True), 2, replace(NEW, term=2)),
+        (replace(OTHERS, attempts=3), 1, replace(OTHERS, attempts=3).taken_over("A", "B was silent", 100.0)),
+        (OTHERS, 0, "B has taken the mission over, in term 1"),  # without a term nobody is displaced
+        # A request waited in a socket while the mission was given to others, or to the same robot again.
+        *((replace(given, term=given.term + 2), 2, "in term 3") for given in (OTHERS, NEW)),
+        (replace(OTHERS, term=2, is_offered=True), 2, "in term 2"),
+        (None, 1, "m is not offered any more"),
+        (replace(NEW, result=MissionResult.FAILED), 0, "m has ended already: failed"),
+    ],
+)
+def test_a_mission_is_claimed_unless_another_robot_leads_it(
+    database: Database, stored: MissionContent | None, term: int, claim: MissionContent | str
+) -> None:
+    database.missions = {"m": (7, stored)} if stored else {}
+    if isinstance(claim, str):
+        with pytest.raises((MissionTakenOver, MissionFailed), match=claim):
+            claimed(database, "m", NEW, term, lambda leader, mission: False)
+        assert database.content("m") == stored
+        return
+    assert claimed(database, "m", NEW, term, lambda leader, mission: False) == claim
+    assert database.content("m") == (claim if stored else None)
 
 
 # ---- what is recorded ----
@@ -291,3 +333,57 @@ def test_the_report_has_the_messages_that_say_something_new() -> None:
     assert brief["latency_ms"]["lab"]["count"] == 21
     many = report("done", received=[state(step, 101.0) for step in range(2 * MAX_BRIEF_EVENTS)]).brief_json()
     assert len(many["events"]) == MAX_BRIEF_EVENTS
+
+
+RECORD = replace(NEW, icon={"icon": "move_table"}, members=tuple(MemberRecord(robot, "helper") for robot in "BAC"))
+
+
+class Silence(Database):
+    """Robots B and C, whose leader A is silent, and the database with their mission. busy: robots that can't lead.
+    led: who has taken the mission over, and when [s]."""
+
+    def __init__(self, time: VirtualTime, busy: str = "") -> None:
+        super().__init__()
+        self.time, self.missions = time, {"m": (1, RECORD)}
+        self.led: list[tuple[str, float]] = []
+        for name in "CB":
+            lead, can_lead = partial(self._lead, name), partial(self._can_lead, name not in busy)
+            Succession(name, self, lambda leader, mission: False, can_lead, lead).begin("m", 1)
+
+    def _can_lead(self, is_free: bool, mission: str) -> bool:
+        return is_free
+
+    def _lead(self, name: str, mission: str, icon: dict[str, Any], term: int) -> None:
+        self.led.append((name, self.time.now))
+        self.missions[mission] = 2, RECORD.taken_over(name, "A was silent", 2.0)
+
+
+@pytest.fixture
+def time(monkeypatch: pytest.MonkeyPatch) -> Iterator[VirtualTime]:
+    time = VirtualTime()
+    time.install(monkeypatch, succession)
+    yield time
+    time.close()
+
+
+@pytest.mark.parametrize(("busy", "led"), [("", [("B", 0.0)]), ("B", [("C", DEFAULT_POLICY.turn_s)]), ("BC", [])])
+def test_members_lead_in_turn(time: VirtualTime, busy: str, led: list[tuple[str, float]]) -> None:
+    silence = Silence(time, busy)
+    time.run_for(30.0)
+    assert silence.led == led
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        *(None, replace(RECORD, icon=None), replace(RECORD, members=())),
+        *(RECORD.taken_over("C", "A was silent", 2.0), RECORD.ended_as(MissionResult.ABORTED, "it was aborted", 2.0)),
+    ],
+)
+def test_nobody_leads_what_needs_no_leader(time: VirtualTime, record: MissionContent | None) -> None:
+    silence = Silence(time)
+    silence.missions = {"m": (1, record)} if record else {}
+    time.run_for(1.0)
+    silence.missions = {"m": (1, RECORD)}
+    time.run_for(100.0)
+    assert silence.led == []

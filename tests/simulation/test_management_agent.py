@@ -16,7 +16,6 @@ from robocorba.errors.services import ServiceError
 from robocorba.errors.simulation import (
     InvalidChoice,
     InvalidDescription,
-    InvalidReservation,
     SensorRefused,
     ServerFull,
     SessionExpired,
@@ -68,21 +67,6 @@ def test_a_robot_drives_and_its_events_are_published(store: SimulationStore) -> 
     assert [(event.kind, event.floor, event.who) for event in events] == [("collision", "L1", ("A",))]
     assert (session.robot.collisions, session.robot.touched) == (1, "")
     assert (agent.state.collisions, agent.state.robots, agent.state.map_version) == (1, 1, 7)
-
-
-def test_invalid_requests_of_a_robot_are_refused(agent: ManagementAgent) -> None:
-    session = agent.register(robot("A"))
-    for field, areas, limit_s in (("areas", [], 1.0), ("limit", [PASSAGE], -1.0)):
-        with pytest.raises(InvalidReservation) as refused:
-            session.reserve(areas, limit_s)
-        assert refused.value.field == field
-    with pytest.raises(UnknownFloor):
-        session.reserve([("roof", PASSAGE[1])], 1.0)
-    session.reserve([PASSAGE, ROOM], 60.0)
-    session.keep_areas([ROOM])
-    with pytest.raises(InvalidReservation):
-        session.keep_areas([PASSAGE])
-    assert agent.simulated.reservations.requests["A"].areas == (ROOM,)
 
 
 def test_an_exchange_of_areas_that_cannot_be_stored_is_undone(agent: ManagementAgent, store: SimulationStore) -> None:
