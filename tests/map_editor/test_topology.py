@@ -6,7 +6,6 @@ from __future__ import annotations
 import math
 from collections.abc import Collection, Sequence
 
-import msgspec
 import networkx as nx
 import numpy as np
 import pytest
@@ -177,16 +176,6 @@ def test_the_same_floor_gives_the_same_map_whatever_roads_it_has(bounded: bool) 
     far_away = TopologicalMap({"x": PathNode(name="x", at=(40.0, 40.0))})
     assert topological_map(with_topology(building, "L1", far_away), "L1") == first
     assert topological_map(with_topology(building, "L1", first), "L1") == first
-
-
-def test_elevators_opposite_each_other_share_the_place_in_front() -> None:
-    north = elevator()
-    south = msgspec.structs.replace(north, name="E2", at=(6.0, 1.1), heading=math.pi)
-    building = one_floor(depth=8.0, elevators=[msgspec.structs.replace(north, at=(6.0, 5.3)), south])
-    roads = topological_map(building, "L1", RADIUS)
-    check_whole(building, "L1", roads, RADIUS)
-    between = graph_of(roads)
-    assert set(between["cabin-E1"]) == set(between["cabin-E2"])
 
 
 def test_a_column_in_a_corridor_can_be_passed_on_both_sides_but_a_post_needs_one() -> None:
