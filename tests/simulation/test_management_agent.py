@@ -13,13 +13,7 @@ import pytest
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
-from robocorba.errors.simulation import (
-    InvalidChoice,
-    InvalidDescription,
-    SensorRefused,
-    ServerFull,
-    SessionExpired,
-)
+from robocorba.errors.simulation import InvalidChoice, InvalidDescription, SensorRefused, ServerFull, SessionExpired
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import Limits, Pose
 from robocorba.simulation import management_agent
