@@ -183,6 +183,17 @@ def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
         works(high)
 
 
+def test_a_stop_during_a_reset_stays(high: HighController, adaptor: Watched) -> None:
+    for where in ("before_start", "before_read"):
+        high.emergency_stop("first")
+        setattr(adaptor, where, once(lambda: high.emergency_stop("second"))[0])
+        with pytest.raises(IllegalOrder, match="was stopped again: second"):
+            high.reset_stop()
+        assert not adaptor.disc.read(RobotState())
+        high.reset_stop()
+        works(high)
+
+
 def test_an_adaptor_that_was_stopped_after_a_reset_is_started_again(high: HighController, adaptor: Watched) -> None:
     """As by the thread of a stop that is so slow that a reset is quicker."""
     moving = driving(high)
