@@ -17,9 +17,8 @@ from robocorba.events.federation import Advertisement
 from robocorba.events.feed import Feed
 from robocorba.events.policies import ChannelPolicy, LinkPolicy
 from robocorba.events.proxy_supplier import ProxyPullSupplier
-from robocorba.events.subscription import Clause, Pattern
+from robocorba.events.subscription import Pattern
 from tests.events.samples import NOW, arrive, events, open_channel, pull_supplier_of, pulled, supplied, wanting
-from tests.waits import outlast
 
 
 def supply(channel: Channel, *types: str) -> None:
@@ -174,35 +173,3 @@ def test_a_copy_does_not_go_round_for_ever(hall: Channel) -> None:
         hall.forward([batch], account)
     assert (account.delivered, account.discarded) == (20, 1)
     assert feed.account.received == 20
-
-
-HOURS_S = 7200.0
-
-
-@pytest.mark.parametrize("ahead_s", [HOURS_S, -HOURS_S])
-def test_the_clock_is_set_while_events_wait(channel: Channel, monkeypatch: pytest.MonkeyPatch, ahead_s: float) -> None:
-    """They expire by the time that passes, and those of both sides of the step belong together."""
-    real = time.time
-    proxy = pull_supplier_of(channel, (Clause((Pattern("a"), Pattern("b")), 5.0), *wanting("t")))
-    supply(channel, "a")
-    channel.publish(supplied("t", b"short", expiry=0.01), Account())
-    channel.publish(supplied("t", b"long", expiry=60.0), Account())
-    monkeypatch.setattr(time, "time", lambda: real() + ahead_s)
-    outlast(0.01)
-    assert payloads(proxy) == [b"long"]
-    supply(channel, "b")
-    assert payloads(proxy) == [b"a", b"b"]
-
-
-@pytest.mark.parametrize("ahead_s", [HOURS_S, -HOURS_S, 1e9, -1e9])
-def test_the_age_of_events_of_a_machine_whose_clock_is_wrong(channel: Channel, ahead_s: float) -> None:
-    """It is what passed since, by the clock that stamped them."""
-    proxy = pull_supplier_of(channel, (Clause((Pattern("a"), Pattern("t")), 5.0), *wanting("t")))
-    supply(channel, "a")
-    now = time.time() + ahead_s
-    for number, age_s in ((1, 0.0), (2, 50.0), (3, 70.0)):
-        batch = from_hall(number, now - age_s, expiry=60.0)
-        batch.epoch = now - time.monotonic()
-        arrive(channel, batch)
-    # The first one belongs to the event of this channel, and each that is alive is delivered as such.
-    assert sorted(map(str, payloads(proxy))) == ["1", "1", "2", "b'a'"]

@@ -142,23 +142,3 @@ def test_two_channels_of_one_name_are_found_everywhere_and_when_one_leaves(monke
     chain[0].advertise(["hall"], WANTS_T)
     exchange(*chain[:3])
     assert "lab" in chain[1].ways("t", "s", "hall")
-
-
-def test_restarts_are_no_conflict(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether the state was kept, and also when parts of the federation remember different lives."""
-    lab, hall, yard = Federation("lab", life=1), Federation("hall"), Federation("yard")
-    lab.advertise(["hall"], WANTS_T)
-    hall.advertise(["lab", "yard"], ())
-    yard.advertise(["hall"], ())
-    exchange(lab, hall, yard)
-    for life in range(2, 30):
-        kept = lab.advertisements if life % 3 else ()
-        lab = Federation("lab", kept, life)
-        lab.advertise(["hall"], WANTS_T)
-        exchange(lab, hall)
-        if life % 4 == 0:
-            exchange(hall, yard)
-        exchange(lab, hall, yard)
-        exchange(lab, hall, yard)
-        assert lab.conflicts() == hall.conflicts() == yard.conflicts() == {}
-        assert "hall" in yard.ways("t", "s", "yard")

@@ -243,12 +243,6 @@ def test_events_that_come_during_a_change_of_a_conjunction_reach_the_others(lab:
     eventually(lambda: other.payloads == [b"before", b"meanwhile"], what="both events")
 
 
-def test_an_invalid_queue_policy_is_refused_and_leaves_no_proxy(lab: Lab) -> None:
-    with pytest.raises(errors.InvalidQueue):
-        lab.proxies.subscribe("", Consumer(), ALL, QueuePolicy(0))
-    assert lab.proxies.snapshots() == []
-
-
 #: Shorter pauses, and fewer failures, than the defaults.
 POLLING = DeliveryPolicy(backoff=Backoff(0.001, 0.002), max_failures=4)
 

@@ -1,4 +1,4 @@
-"""Sessions: an author undoes what that author did and nothing else, whatever others do in between."""
+"""Sessions beside what test_any_edits.py tries: summaries while others edit, ends, and what a commit would break."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections import deque
 
 import pytest
 
-from robocorba.errors.maps import EditedByOthers, InvalidElement, SessionEnded, TooManyTransactions
+from robocorba.errors.maps import InvalidElement, SessionEnded, TooManyTransactions
 from robocorba.map_editor.author_history import OwnEdit
 from robocorba.map_editor.edit_session import EditSession, EditSessions
 from robocorba.map_editor.map_building_agent import BuildingEditor
-from robocorba.map_editor.model import Building, Floor, PathEdge, PathNode
+from robocorba.map_editor.model import Building, PathEdge, PathNode
 from robocorba.map_editor.store import MapLimits, MapStore
 from tests.clock import Clock
 from tests.map_editor.elements import EDGE, NODE, WALL, wall
@@ -34,16 +34,6 @@ def ada(sessions: EditSessions) -> EditSession:
     return sessions.open("Ada")
 
 
-@pytest.fixture
-def bob(sessions: EditSessions) -> EditSession:
-    return sessions.open("Bob")
-
-
-def walls(editor: BuildingEditor) -> dict[str, float]:
-    """The walls of L1 and their x, without that of the building."""
-    return {name: each.a[0] for name, each in editor.building.floors[L1].geometrical.walls.items() if name != "w"}
-
-
 def test_a_summary_is_read_between_the_edits(editor: BuildingEditor, ada: EditSession) -> None:
     undo = threading.Thread(target=ada.undo)
 
@@ -60,46 +50,6 @@ def test_a_summary_is_read_between_the_edits(editor: BuildingEditor, ada: EditSe
     assert ada.undoable == "wall a on L1 created"
     undo.join()
     assert (ada.undoable, ada.redoable) == ("", "wall a on L1 created")
-
-
-def test_what_others_have_changed_since_is_not_overwritten(
-    editor: BuildingEditor, ada: EditSession, bob: EditSession
-) -> None:
-    ada.create(L1, wall("first"))
-    bob.change(L1, wall("a", 3.0), ada.create(L1, wall("a")))
-    with pytest.raises(EditedByOthers, match="wall 'a' on L1 has been changed by Bob since") as refused:
-        ada.undo()
-    wrong = refused.value
-    assert (wrong.kind, wrong.floor, wrong.name, wrong.author) == ("wall", L1, "a", "Bob")
-    ada.undo()  # the edit before it
-    assert walls(editor) == {"a": 3.0}
-    bob.undo()
-    assert walls(editor) == {"a": 2.0}
-    editor.undo(ada.create(L1, wall("b")))
-    with pytest.raises(EditedByOthers, match="wall 'b' on L1 has been changed by another client since"):
-        ada.undo()
-
-
-def test_a_transaction_of_a_session_is_one_edit_of_its_author(
-    editor: BuildingEditor, ada: EditSession, bob: EditSession
-) -> None:
-    began = editor.version
-    transaction = ada.begin()
-    for name in "abc":
-        transaction.create(L1, wall(name))
-    transaction.create("", Floor(name="L3", level=3, elevation=8.0))
-    bob.create(L1, wall("d"))
-    transaction.commit()
-    ada.begin().commit()  # empty: no edit
-    assert (ada.undoable, ada.redoable) == ("floor L3 created, 3 walls on L1 created", "")
-    ada.undo()
-    assert (ada.undoable, ada.redoable) == ("", "floor L3 created, 3 walls on L1 created")
-    assert list(walls(editor)) == ["d"]
-    assert [(edit.author, edit.time_s, edit.changes, edit.summary) for edit in editor.edits_since(began)] == [
-        ("Bob", 1e9, 1, "wall d on L1 created"),
-        ("Ada", 1e9, 4, "floor L3 created, 3 walls on L1 created"),
-        ("Ada", 1e9, 4, "undone: floor L3 created, 3 walls on L1 created"),
-    ]
 
 
 def test_sessions_end(store: MapStore) -> None:

@@ -20,7 +20,7 @@ from robocorba.map_editor import geometry, native
 from robocorba.map_editor.changes import elements_of
 from robocorba.map_editor.element_json import as_json, form_members, from_json
 from robocorba.map_editor.model import Area, Building, CircleShape, ElementKind, Floor, MapObject, PathEdge, Wall
-from robocorba.map_editor.samples import load_sample, sample_path
+from robocorba.map_editor.samples import load_sample, map_file, sample_path
 from robocorba.map_editor.yaml_file import YamlLimits, parse_yaml, read_yaml
 from testkit.buildings import buildings, grid, two_floors
 
@@ -239,6 +239,8 @@ def test_five_floors_is_what_it_says() -> None:
     for unknown in ("", "../five-floors", "five-floors.yaml"):
         with pytest.raises(MapFileError, match="five-floors, paper-scene"):
             sample_path(unknown)
+        assert map_file(unknown) == Path(unknown)
+    assert map_file("five-floors") == sample_path("five-floors")
 
 
 @settings(deadline=None, max_examples=30)

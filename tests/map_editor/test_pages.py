@@ -200,14 +200,6 @@ def test_an_equal_object_in_the_same_edit_is_the_same(editor: BuildingEditor, si
     assert found.origin(OBJECT, "L1", "other") is None
 
 
-def test_floors_may_exchange_their_names(editor: BuildingEditor, since: int) -> None:
-    for before, after in (("L1", "x"), ("L2", "L1"), ("x", "L2")):
-        editor.rename(FLOOR, "", before, after, editor.read(FLOOR, "", before)[1])
-    found = lineage(editor, since)
-    assert found.floors(editor.building.floors) == {"L1": "L2", "L2": "L1"}
-    assert found.origin(OBJECT, "L2", "chair") == (OBJECT, "L1", "chair")
-
-
 def test_an_elevator_is_the_same_if_a_floor_gets_another_name_in_the_same_edit() -> None:
     doors = {name: (ElevatorDoor(name), ElevatorDoor("L2")) for name in ("L1", "lobby")}
     edit = [

@@ -101,24 +101,6 @@ def test_a_gathering_robot_drives_around_a_stationary_one() -> None:
     assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.02)
 
 
-def test_overlapping_reservations_are_granted_one_after_the_other() -> None:
-    crowd, ours = face_to_face(), list[tuple[float, float]]()
-
-    def pass_by(robot: Robot, west: float, ahead_m: float) -> None:
-        executor = executor_of(robot)
-        area = ((west, 0.1), (west + 3.0, 0.1), (west + 3.0, 1.9), (west, 1.9))
-        executor.execute(Reserve(areas=(("L1", area),), hold_s=60.0, limit_s=60.0))
-        begun = crowd.time
-        robot.drive_by(ahead_m, 0.0, 0.0, 0.3)
-        ours.append((begun, crowd.time))
-        executor.release_reservations()
-
-    assert crowd.run(60.0, A=partial(pass_by, west=2.0, ahead_m=0.5), B=partial(pass_by, west=3.0, ahead_m=0.6)) == {}
-    first, second = sorted(ours)
-    assert second[0] >= first[1]
-    assert crowd.robots["A"].session.reservation() is None
-
-
 def test_areas_that_were_reserved_with_the_plan_keep_their_turn_and_others_wait_for_a_limited_time() -> None:
     crowd, granted = face_to_face(), list[tuple[float, float]]()
     west, east = ((0.0, 0.1), (2.0, 0.1), (2.0, 1.9)), ((3.0, 0.1), (5.0, 0.1), (5.0, 1.9))

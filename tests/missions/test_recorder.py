@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import msgspec
 import pytest
 from msgspec.structs import replace
 
-from robocorba.errors.robots import IllegalOrder, MissionFailed, MissionTakenOver
+from robocorba.errors.robots import MissionFailed, MissionTakenOver
 from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions import succession
@@ -159,12 +160,6 @@ def test_what_a_leader_of_a_later_term_has_written_stays(
 
 # ---- who leads ----
 
-
-def is_silent(leader: str, mission: str) -> bool:
-    """The leader does not answer."""
-    return False
-
-
 #: Led by another robot; by this one, before and after it began.
 OTHERS, GIVEN = replace(NEW, leader="B", begun=1.0), replace(NEW, begun=4e9)
 OWN = replace(GIVEN, phases=(PhaseRecord("asking", 4e9),))
@@ -179,58 +174,25 @@ OWN = replace(GIVEN, phases=(PhaseRecord("asking", 4e9),))
         (replace(OWN, term=4), 4, replace(OWN, term=4)),
         (replace(NEW, term=2, is_offered=True), 2, replace(NEW, term=2)),
         (replace(OTHERS, attempts=3), 1, replace(OTHERS, attempts=3).taken_over("A", "B was silent", 100.0)),
+        (OTHERS, 0, "B has taken the mission over, in term 1"),  # without a term nobody is displaced
+        # A request waited in a socket while the mission was given to others, or to the same robot again.
+        *((replace(given, term=given.term + 2), 2, "in term 3") for given in (OTHERS, NEW)),
+        (replace(OTHERS, term=2, is_offered=True), 2, "in term 2"),
+        (None, 1, "m is not offered any more"),
+        (replace(NEW, result=MissionResult.FAILED), 0, "m has ended already: failed"),
     ],
 )
-def test_a_mission_is_claimed(
-    database: Database, stored: MissionContent | None, term: int, claim: MissionContent
+def test_a_mission_is_claimed_unless_another_robot_leads_it(
+    database: Database, stored: MissionContent | None, term: int, claim: MissionContent | str
 ) -> None:
     database.missions = {"m": (7, stored)} if stored else {}
-    assert claimed(database, "m", NEW, term, is_silent) == claim
+    if isinstance(claim, str):
+        with pytest.raises((MissionTakenOver, MissionFailed), match=claim):
+            claimed(database, "m", NEW, term, lambda leader, mission: False)
+        assert database.content("m") == stored
+        return
+    assert claimed(database, "m", NEW, term, lambda leader, mission: False) == claim
     assert database.content("m") == (claim if stored else None)
-
-
-@pytest.mark.parametrize(
-    ("stored", "term", "leads", "error", "reason"),
-    [
-        (OTHERS, 1, True, MissionTakenOver, "B has taken the mission over, in term 1"),  # a leader that answers
-        (OTHERS, 0, False, MissionTakenOver, "term 1"),  # without a term nobody is displaced
-        # A request waited in a socket while the mission was given to others, or to the same robot again.
-        (replace(OTHERS, term=3), 2, False, MissionTakenOver, "term 3"),
-        (replace(NEW, term=4), 2, False, MissionTakenOver, "term 4"),
-        (replace(OTHERS, term=2, is_offered=True), 2, False, MissionTakenOver, "term 2"),
-        (None, 1, False, MissionFailed, "m is not offered any more"),
-        (replace(NEW, result=MissionResult.FAILED), 0, False, MissionFailed, "m has ended already: failed"),
-    ],
-)
-def test_a_claim_is_refused(
-    database: Database, stored: MissionContent | None, term: int, leads: bool, error: type[Exception], reason: str
-) -> None:
-    if stored:
-        database.missions["m"] = 7, stored
-    with pytest.raises(error, match=reason):
-        claimed(database, "m", NEW, term, lambda leader, mission: leads and (leader, mission) == ("B", "m"))
-    assert database.content("m") == stored
-
-
-def test_only_one_robot_takes_a_mission_over() -> None:
-    class Late(Database):
-        """Another robot is faster."""
-
-        def mission(self, name: str) -> Mission:
-            found = super().mission(name)
-            version, before = self.missions[name]
-            if before.term == 1:
-                self.missions[name] = version + 1, before.taken_over("C", "B was silent", 2.0)
-            return found
-
-    late = Late()
-    late.missions["m"] = 7, OTHERS
-    with pytest.raises(MissionTakenOver, match="C has taken the mission over, in term 2"):
-        claimed(late, "m", NEW, 1, is_silent)
-    assert late.missions["m"][0] == 8
-    late.is_away = True  # another robot could lead it in the same term
-    with pytest.raises(NotReachable):
-        claimed(late, "m", NEW)
 
 
 # ---- what is recorded ----
@@ -300,7 +262,7 @@ def test_times_go_on_under_a_leader_whose_clock_is_behind(database: Database, ke
     former = (PhaseRecord("asking", began, began + 1.0), PhaseRecord("gathering", began + 1.0, 0.0, "B"))
     database.missions["m"] = 7, replace(content(began), leader="B", phases=former)
     clock = Clock(began + 1.0 - behind_s)
-    taken = claimed(database, "m", replace(NEW, begun=clock.now), 1, is_silent)
+    taken = claimed(database, "m", replace(NEW, begun=clock.now), 1, lambda leader, mission: False)
     assert taken.leaders[-1].since == began + 1.0
     led = LedMission(kept, "m", taken, clock)
     led.begin_phase(PLAN, "one", clock.now + 2.0, ()).done.update(dict.fromkeys("AB", clock.now + 5.0))
@@ -373,112 +335,55 @@ def test_the_report_has_the_messages_that_say_something_new() -> None:
     assert len(many["events"]) == MAX_BRIEF_EVENTS
 
 
-ICON: dict[str, Any] = {"icon": "move_table", "table": "desk"}
-RECORD = replace(NEW, icon=ICON, members=tuple(MemberRecord(robot, "helper") for robot in "BAC"))
+RECORD = replace(NEW, icon={"icon": "move_table"}, members=tuple(MemberRecord(robot, "helper") for robot in "BAC"))
 
 
-class Scene(Database):
-    """Robots B and C, whose leader A is silent, and the database with their mission."""
+class Silence(Database):
+    """Robots B and C, whose leader A is silent, and the database with their mission. busy: robots that can't lead.
+    led: who has taken the mission over, and when [s]."""
 
-    def __init__(self, time: VirtualTime) -> None:
+    def __init__(self, time: VirtualTime, busy: str = "") -> None:
         super().__init__()
         self.time, self.missions = time, {"m": (1, RECORD)}
-        #: Leaders that answer, robots that are busy, and how often one can't lead.
-        self.living, self.busy, self.refusals = "", "", 0
-        #: Who has taken the mission over, and when [s].
         self.led: list[tuple[str, float]] = []
-        self.successions = {
-            robot.name: Succession(robot.name, self, self.leads, robot.can_lead, robot.lead)
-            for robot in (Robot(name, self) for name in "BC")
-        }
+        for name in "CB":
+            lead, can_lead = partial(self._lead, name), partial(self._can_lead, name not in busy)
+            Succession(name, self, lambda leader, mission: False, can_lead, lead).begin("m", 1)
 
-    def begin(self, *robots: str) -> None:
-        for name in robots:
-            self.successions[name].begin("m", 1)
+    def _can_lead(self, is_free: bool, mission: str) -> bool:
+        return is_free
 
-    def leads(self, leader: str, mission: str) -> bool:
-        return leader in self.living
-
-
-class Robot:
-    """A robot that takes over; the database then names it."""
-
-    def __init__(self, name: str, scene: Scene) -> None:
-        self.name, self._scene = name, scene
-
-    def can_lead(self, mission: str) -> bool:
-        return self.name not in self._scene.busy
-
-    def lead(self, mission: str, icon: dict[str, Any], term: int) -> None:
-        version, content = self._scene.missions["m"]
-        assert (mission, icon, term) == ("m", ICON, content.term)
-        if self._scene.refusals:
-            self._scene.refusals -= 1
-            raise IllegalOrder("lead a mission", "is stopped")
-        self._scene.led.append((self.name, self._scene.time.now))
-        self._scene.missions["m"] = version + 1, content.taken_over(self.name, "A was silent", 2.0)
+    def _lead(self, name: str, mission: str, icon: dict[str, Any], term: int) -> None:
+        self.led.append((name, self.time.now))
+        self.missions[mission] = 2, RECORD.taken_over(name, "A was silent", 2.0)
 
 
 @pytest.fixture
-def scene(monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
+def time(monkeypatch: pytest.MonkeyPatch) -> Iterator[VirtualTime]:
     time = VirtualTime()
     time.install(monkeypatch, succession)
-    yield Scene(time)
+    yield time
     time.close()
 
 
-@pytest.mark.parametrize(
-    ("busy", "refusals", "led"),
-    [
-        ("", 0, ("B", 0.0)),
-        ("B", 0, ("C", DEFAULT_POLICY.turn_s)),
-        ("C", 3, ("B", 3 * DEFAULT_POLICY.record_interval_s)),
-    ],
-)
-def test_members_lead_in_turn(scene: Scene, busy: str, refusals: int, led: tuple[str, float]) -> None:
-    scene.busy, scene.refusals = busy, refusals
-    scene.begin("C", "B")
-    scene.time.run_for(30.0)
-    assert scene.led == [led]
-
-
-def test_they_wait_for_a_leader_that_answers_and_for_the_database_and_give_up(scene: Scene) -> None:
-    scene.living = "A"
-    scene.begin("B")
-    scene.time.run_for(10.0)
-    scene.living, scene.is_away = "", True
-    scene.time.run_for(10.0)
-    assert scene.led == []
-    scene.is_away = False
-    scene.time.run_for(10.0)
-    assert [name for name, _ in scene.led] == ["B"]
-    scene.missions["m"], scene.is_away = (1, RECORD), True
-    scene.begin("C")
-    scene.time.run_for(DEFAULT_POLICY.succession_limit_s + 1.0)
-    scene.is_away = False
-    scene.time.run_for(10.0)
-    scene.successions["C"].close()
-    scene.begin("C")
-    scene.time.run_for(10.0)
-    assert len(scene.led) == 1
+@pytest.mark.parametrize(("busy", "led"), [("", [("B", 0.0)]), ("B", [("C", DEFAULT_POLICY.turn_s)]), ("BC", [])])
+def test_members_lead_in_turn(time: VirtualTime, busy: str, led: list[tuple[str, float]]) -> None:
+    silence = Silence(time, busy)
+    time.run_for(30.0)
+    assert silence.led == led
 
 
 @pytest.mark.parametrize(
-    "change",
+    "record",
     [
-        lambda content: replace(content, icon=None),
-        lambda content: replace(content, members=()),
-        lambda content: content.taken_over("C", "A was silent", 2.0),
-        lambda content: content.ended_as(MissionResult.ABORTED, "it was aborted", 2.0),
-        None,
+        *(None, replace(RECORD, icon=None), replace(RECORD, members=())),
+        *(RECORD.taken_over("C", "A was silent", 2.0), RECORD.ended_as(MissionResult.ABORTED, "it was aborted", 2.0)),
     ],
 )
-def test_nobody_leads_what_needs_no_leader(
-    scene: Scene, change: Callable[[MissionContent], MissionContent] | None
-) -> None:
-    scene.missions = {"m": (1, change(RECORD))} if change else {}
-    scene.begin("B")
-    scene.time.run_for(1.0)
-    scene.missions = {"m": (1, RECORD)}
-    scene.time.run_for(100.0)
-    assert scene.led == []
+def test_nobody_leads_what_needs_no_leader(time: VirtualTime, record: MissionContent | None) -> None:
+    silence = Silence(time)
+    silence.missions = {"m": (1, record)} if record else {}
+    time.run_for(1.0)
+    silence.missions = {"m": (1, RECORD)}
+    time.run_for(100.0)
+    assert silence.led == []

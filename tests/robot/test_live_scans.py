@@ -114,19 +114,6 @@ def test_own_scans_are_compared_with_the_map_and_virtual_ones_have_a_rim() -> No
 
 
 @pytest.mark.usefixtures("patient")
-def test_nobody_is_asked_for_nobody() -> None:
-    with robots(A=OWN, V=VIRTUAL) as place:
-        place.read()
-        place.asked, place.scanned = [], []
-        place.clock.now += 60.0
-        assert place.scans.read([]) == []
-        assert (place.asked, place.scanned) == ([], [])
-        threads = [thread.name for thread in threading.enumerate() if thread.name.startswith("scans")]
-        assert len(threads) <= ROBOTS_AT_ONCE
-    assert not [thread for thread in threading.enumerate() if thread.name in threads and thread.is_alive()]
-
-
-@pytest.mark.usefixtures("patient")
 def test_many_robots_take_turns() -> None:
     names = [f"R{number}" for number in range(2 * ROBOTS_AT_ONCE + 1)]
     for kind in (OWN, VIRTUAL):
@@ -148,15 +135,6 @@ def test_many_robots_take_turns() -> None:
                 asked.clear()
                 place.scans.read([sensed(name) for name in names], first=names[:3])
                 assert len(asked) == ROBOTS_AT_ONCE and set(names[:3]) < set(asked)
-
-
-@pytest.mark.usefixtures("patient")
-def test_one_between_two_floors_is_asked_once() -> None:
-    with robots(A=OWN) as place:
-        for _ in range(2):
-            place.asked = []
-            found = place.scans.read([sensed("A"), sensed("A", 7.1)])
-            assert (place.asked, [each.time for each in found]) == (["A"], [7.1])
 
 
 def test_one_that_hangs_delays_no_other_and_is_not_asked_again_meanwhile(monkeypatch: pytest.MonkeyPatch) -> None:

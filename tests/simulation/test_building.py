@@ -43,18 +43,6 @@ def test_what_can_be_gripped(world: SimulatedBuilding) -> None:
     assert world.occupants.robots["A"].holding == ""
 
 
-def test_an_edit_of_the_map_is_followed(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 5.0, 2.0, 0.0)
-    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    run(world, 0.5)
-    before = world.occupants.objects["T1"].number
-    edited = world.building.with_element("L1", Wall("W2", (6.5, 0.0), (6.5, 4.0)))
-    assert world.update(edited) == []
-    run(world, 4.0)
-    assert world.occupants.pose("A").x == pytest.approx(6.1, abs=0.02)
-    assert world.occupants.objects["T1"].number == before
-
-
 def test_a_defect_on_one_floor_stops_no_other(world: SimulatedBuilding, monkeypatch: pytest.MonkeyPatch) -> None:
     enter(world, "A", "L2", 5.0, 2.0)
 

@@ -13,14 +13,7 @@ import pytest
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.services import ServiceError
-from robocorba.errors.simulation import (
-    InvalidChoice,
-    InvalidDescription,
-    InvalidReservation,
-    SensorRefused,
-    ServerFull,
-    SessionExpired,
-)
+from robocorba.errors.simulation import InvalidChoice, InvalidDescription, SensorRefused, ServerFull, SessionExpired
 from robocorba.map_editor.model import ElementKind
 from robocorba.map_editor.spatial.pose import Limits, Pose
 from robocorba.simulation import management_agent
@@ -68,21 +61,6 @@ def test_a_robot_drives_and_its_events_are_published(store: SimulationStore) -> 
     assert [(event.kind, event.floor, event.who) for event in events] == [("collision", "L1", ("A",))]
     assert (session.robot.collisions, session.robot.touched) == (1, "")
     assert (agent.state.collisions, agent.state.robots, agent.state.map_version) == (1, 1, 7)
-
-
-def test_invalid_requests_of_a_robot_are_refused(agent: ManagementAgent) -> None:
-    session = agent.register(robot("A"))
-    for field, areas, limit_s in (("areas", [], 1.0), ("limit", [PASSAGE], -1.0)):
-        with pytest.raises(InvalidReservation) as refused:
-            session.reserve(areas, limit_s)
-        assert refused.value.field == field
-    with pytest.raises(UnknownFloor):
-        session.reserve([("roof", PASSAGE[1])], 1.0)
-    session.reserve([PASSAGE, ROOM], 60.0)
-    session.keep_areas([ROOM])
-    with pytest.raises(InvalidReservation):
-        session.keep_areas([PASSAGE])
-    assert agent.simulated.reservations.requests["A"].areas == (ROOM,)
 
 
 def test_an_exchange_of_areas_that_cannot_be_stored_is_undone(agent: ManagementAgent, store: SimulationStore) -> None:

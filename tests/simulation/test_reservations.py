@@ -1,4 +1,4 @@
-"""Areas that robots reserve, beside what test_traffic.py tries: what is refused, edges, and long steps of time."""
+"""Areas that robots reserve, beside what test_traffic.py tries: what is refused, and limits."""
 
 from __future__ import annotations
 
@@ -21,20 +21,6 @@ def box(x: float, y: float, width: float = 1.0, height: float = 1.0, floor: str 
 
 def wanted(*areas: FloorArea, limit_s: float = 60.0) -> AreaRequest:
     return area_request(areas, limit_s, FLOORS)
-
-
-def test_a_grant_begins_when_the_one_before_it_ends() -> None:
-    """Also in a long step, and not when somebody looks."""
-    kept = Reservations(now=5.0)
-    for owner, limit_s in (("A", 10.0), ("B", 20.0), ("C", 30.0)):
-        kept.reserve(owner, [wanted(box(0, 0), limit_s=limit_s)])
-    assert kept.advance(14.9) == []
-    assert kept.find("A", 14.9) == (True, 0, 0.0, pytest.approx(0.1))
-    assert kept.find("C", 14.9) == (False, 2, pytest.approx(20.1), 30.0)
-    assert [request.owner for request in kept.advance(35.5)] == ["A", "B"]
-    assert kept.requests["C"].granted_at == 35.0
-    assert [request.owner for request in kept.advance(65.0)] == ["C"]
-    assert not kept.requests
 
 
 @pytest.mark.parametrize(
