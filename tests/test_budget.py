@@ -23,7 +23,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_806, "testkit": 7_119, "bench": 10_005, "robocorba/console/static": 11_717}
+LINES_AT_MOST = {"tests": 53_805, "testkit": 7_119, "bench": 10_005, "robocorba/console/static": 11_717}
 WORDS_AT_MOST = {"docs": 32_000, "README.md": 1_040, "CHANGELOG.md": 2_150}
 
 
