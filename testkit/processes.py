@@ -24,8 +24,8 @@ from robocorba.system.supervision.launch import ChildProcess
 from testkit.nursery import Nursery
 
 ROBOCORBA = str(Path(sys.executable).with_name("robocorba"))
-#: Pauses between checks of a condition.
-POLLING = Backoff(0.02, 0.02)
+#: Pauses between checks of a condition. What takes seconds is asked for less often: each look costs several processes.
+POLLING = Backoff(0.02, 0.1, 1.2)
 
 
 def eventually(condition: Callable[[], Any], timeout_s: float = 60.0, what: str = "") -> Any:
