@@ -182,7 +182,8 @@ def _find(orb: Orb, chair: RemoteSession, console: Console) -> Found:
             agent.run()
         first = _wait_for_proposal(orb)
         proposed = time.monotonic()
-        if len(seen) < 2:
+        # The map editor may have received the second sighting before this process has.
+        if not Backoff(0.1, 0.1).poll(lambda: len(seen) > 1, LIMIT_S):
             raise MissionFailed(f"a proposal came after sightings of {len(seen)} robots")
         line(f"  proposed: {first.name}, seen by {' and '.join(first.seen_by)}, {first.certainty:.2f}")
         agents = [RemoteAgent(orb, name) for name in ROBOTS]

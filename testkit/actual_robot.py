@@ -32,10 +32,10 @@ class StandIn(NamedTuple):
     @property
     def faults(self) -> Any:
         """The stand-in's SmartPalFaults."""
-        return self.orb.resolve_in_other_naming_service(self.naming, "Faults", RoboCorba.SmartPalFaults, 2.0)
+        return self.orb.resolve_in_other_naming_service(self.naming, "Faults", RoboCorba.SmartPalFaults, 30.0)
 
     def unit(self, name: str, interface: Any) -> Any:
-        return self.orb.resolve_in_other_naming_service(self.naming, name, interface, 2.0)
+        return self.orb.resolve_in_other_naming_service(self.naming, name, interface, 30.0)
 
 
 @contextlib.contextmanager

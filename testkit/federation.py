@@ -25,7 +25,7 @@ from testkit.processes import Launcher, eventually, hang
 from testkit.relay import Relay
 
 #: Timeout of waits that normally take a second or two, for a busy machine [s].
-LIMIT_S = 30.0
+LIMIT_S = 60.0
 SERVER = "robocorba.servers.event_channel"
 
 

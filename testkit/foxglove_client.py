@@ -40,7 +40,7 @@ class FoxgloveClient:
     def __exit__(self, *_: object) -> None:
         self._closing.close()
 
-    def until(self, is_true: Callable[[], object], limit_s: float = 40.0) -> None:
+    def until(self, is_true: Callable[[], object], limit_s: float = 120.0) -> None:
         """Receive until a condition holds."""
         deadline = time.monotonic() + limit_s
         while not is_true():

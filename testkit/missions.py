@@ -121,7 +121,7 @@ class MissionSystem:
         for name, at in starts.items():
             where = ("--floor", at.floor, "--at", f"{at.x},{at.y},{at.heading}", "--channel", at.channel)
             adaptor = ("--adaptor", at.adaptor[0], "--", *at.adaptor[1:]) if at.adaptor else ()
-            self.robots[name] = self._robocorba(name, "robot", name, *where, *options, *adaptor, within=at.within)
+            self.robots[name] = self.robocorba(name, "robot", name, *where, *options, *adaptor, within=at.within)
         for name in starts:
             process = self.robots[name]
             assert process.stdout is not None and process.stderr is not None
@@ -134,7 +134,7 @@ class MissionSystem:
         process = self.robots.pop(name)
         process.kill()
         process.communicate()
-        eventually(lambda: name not in self.names(), 30.0, f"{name} is logged off")
+        eventually(lambda: name not in self.names(), what=f"{name} is logged off")
 
     def end(self) -> None:
         """End all robots with SIGTERM; fails if one does not end."""
@@ -168,7 +168,7 @@ class MissionSystem:
     def mission(self, leader: str, table: str, to: str) -> subprocess.Popen[str]:
         """Start `robocorba mission start move-table`. leader: empty for the nearest free robot."""
         arguments = ("--table", table, "--to", to, *(("--leader", leader) if leader else ()))
-        return self._robocorba("user", "mission", "start", "move-table", *arguments)
+        return self.robocorba("user", "mission", "start", "move-table", *arguments)
 
     def outcome(self, user: subprocess.Popen[str]) -> tuple[int, str, str]:
         """Wait for the end of a mission's command: its exit code, stdout and stderr."""
@@ -188,19 +188,23 @@ class MissionSystem:
         result, _, rest = last.partition("\t")
         return (result, rest) if result in {each.value for each in MissionResult} else ("error", last)
 
+    def robocorba(self, user: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
+        environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / user)}
+        return self._launch(*within, ROBOCORBA, *arguments, **environment)
+
     def command(self, leader: str, *arguments: str) -> str:
         """Run `robocorba mission ...`, which must succeed; return its output."""
         return self.printed("mission", *arguments, user=leader)
 
     def printed(self, *arguments: str, user: str = "user") -> str:
         """What a command of `robocorba` prints, which must succeed."""
-        out, err = (process := self._robocorba(user, *arguments)).communicate(timeout=60.0)
+        out, err = (process := self.robocorba(user, *arguments)).communicate(timeout=60.0)
         assert process.returncode == 0, err
         return out
 
     def refusal(self, user: str, *arguments: str) -> str:
         """Run `robocorba mission ...`, which must be refused; return the error."""
-        process = self._robocorba(user, "mission", *arguments)
+        process = self.robocorba(user, "mission", *arguments)
         _, err = process.communicate(timeout=60.0)
         assert process.returncode == 1, err
         return err
@@ -221,8 +225,7 @@ class MissionSystem:
             found = self.control.mission(mission).content
             return None if found.is_running else found
 
-        found: MissionContent = eventually(content, 60.0, f"{mission} has ended")
-        return found
+        return eventually(content, what=f"{mission} has ended")
 
     def missions_since(self, version: int) -> list[MissionState]:
         """The missions that changed after a version; empty while mission control does not answer."""
@@ -261,9 +264,9 @@ class MissionSystem:
 
     def carrying(self, leader: str, table: str, user: subprocess.Popen[str], moved_m: float = 0.1) -> None:
         """Wait until the table has moved by `moved_m` in the phase `carrying`."""
-        self.at_phase(leader, "carrying", user)
         before = self.body(table)
-        eventually(lambda: math.dist(before[:2], self.body(table)[:2]) > moved_m, 30.0, "the table moves")
+        self.at_phase(leader, "carrying", user)
+        eventually(lambda: math.dist(before[:2], self.body(table)[:2]) > moved_m, what="the table moves")
 
     def report(self, leader: str) -> dict[str, Any]:
         """The report of the mission that a robot led last."""
@@ -335,10 +338,6 @@ class MissionSystem:
         names = {body.number: body.name for body in update.came}
         motions = update.motions[["number", "x", "y", "heading"]].tolist()
         return update.time, {names[number]: BodyPose(*pose) for number, *pose in motions if number in names}
-
-    def _robocorba(self, user: str, *arguments: str, within: tuple[str, ...] = ()) -> subprocess.Popen[str]:
-        environment = {"ROBOCORBA_NAMING": str(self.running.naming), "ROBOCORBA_STATE": str(self.folder / user)}
-        return self._launch(*within, ROBOCORBA, *arguments, **environment)
 
 
 class Watch:

@@ -23,7 +23,7 @@ CLONE_NEWNET = 0x40000000
 TUNSETIFF = 0x400454CA
 IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
 #: Timeout of a command that sets up a device, and of the start of a router [s].
-COMMAND_LIMIT_S, START_LIMIT_S = 10.0, 60.0
+COMMAND_LIMIT_S, START_LIMIT_S = 60.0, 60.0
 
 _libc = ctypes.CDLL(None, use_errno=True)
 T = TypeVar("T")

@@ -24,11 +24,11 @@ from robocorba.system.supervision.launch import ChildProcess
 from testkit.nursery import Nursery
 
 ROBOCORBA = str(Path(sys.executable).with_name("robocorba"))
-#: Pauses between checks of a condition.
-POLLING = Backoff(0.02, 0.02)
+#: Pauses between checks of a condition. What takes seconds is asked for less often: each look costs several processes.
+POLLING = Backoff(0.02, 0.1, 1.2)
 
 
-def eventually(condition: Callable[[], Any], timeout_s: float = 30.0, what: str = "") -> Any:
+def eventually(condition: Callable[[], Any], timeout_s: float = 60.0, what: str = "") -> Any:
     """The first truthy answer of `condition`; fails the test after `timeout_s`."""
     answer = POLLING.poll(condition, timeout_s)
     assert answer, f"not within {timeout_s:g} s: {what or condition}"
@@ -135,7 +135,8 @@ class Running:
         return self.process.wait(60)
 
     def left_behind(self) -> list[psutil.Process]:
-        """The noted descendants that still run."""
+        """The noted descendants that still run. Those that end with it by a signal may take a moment."""
+        POLLING.poll(lambda: not any(map(is_running, self.descendants)), 5.0)
         return [process for process in self.descendants if is_running(process)]
 
 

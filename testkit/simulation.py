@@ -165,7 +165,7 @@ def landing(elevator: Elevator, floor: str, away_m: float) -> XY:
     return x + share * along[0], y + share * along[1]
 
 
-def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, limit_s: float = 30.0) -> Any:
+def drive_to(session: Any, to: XY, speed: float = 1.0, near_m: float = 0.05, limit_s: float = 60.0) -> Any:
     """Drive a robot straight to a point, until it stands there; return its state."""
 
     def has_come() -> Any:

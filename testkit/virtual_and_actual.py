@@ -19,7 +19,7 @@ from testkit.processes import ROBOCORBA, Launcher, drain
 #: Maximum differences at the end: position of the base [m], heading [rad], position of a hand [m].
 BASE_M, TURNED_RAD, HAND_M = 0.010, math.radians(0.5), 0.005
 #: Timeout of a command, and of the end of a robot process [s].
-RUN_LIMIT_S, END_LIMIT_S = 180.0, 20.0
+RUN_LIMIT_S, END_LIMIT_S = 180.0, 60.0
 
 
 class StateDifference(NamedTuple):

@@ -9,6 +9,7 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -44,10 +45,47 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return ("pytest.mark.full" in collection_path.read_text()) is half or None
 
 
+#: Files whose tests share nothing, not even a fixture that takes long: workers get their tests one by one.
+SINGLE_TESTS = (
+    "test_larger_budgets.py",
+    "test_building_option.py",
+    "test_proposals.py",
+    "test_up.py",
+    "test_up_subnets.py",
+)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """As `--dist loadfile`, in the order of the tests, but what waits behind a long one is short."""
+    from xdist.scheduler import LoadScopeScheduling  # imported here: without it all tests run in this process
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.partition("::")[0]
+            return nodeid if file.endswith(SINGLE_TESTS) else file
+
+        def _reschedule(self, node: Any) -> None:
+            """A worker begins a test when it has the one after it: behind its first one that is the shortest file."""
+            units = self.assigned_work[node].values()
+            if self.workqueue and self._pending_of(self.assigned_work[node]) > 1:
+                return
+            if self.workqueue and not any(any(unit.values()) for unit in units):
+                self.workqueue.move_to_end(next(reversed(self.workqueue)), last=False)
+            super()._reschedule(node)
+
+    return Scheduling(config, log)
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Files that wait for real processes come first, the slow ones before the others, so that no worker is left alone
-    with one of them at the end."""
-    items.sort(key=lambda item: (item.get_closest_marker("slow") is None, item.get_closest_marker("system") is None))
+    """Files that wait for real processes come first, the longest ones before the others, so that no worker is left
+    alone with one of them at the end."""
+
+    def seconds(item: pytest.Item) -> float:
+        mark = item.get_closest_marker("slow")
+        return float((*mark.args, 60.0)[0]) if mark else 0.0
+
+    items.sort(key=lambda item: (-seconds(item), item.get_closest_marker("system") is None))
 
 
 def pytest_collection_finish() -> None:

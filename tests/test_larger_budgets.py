@@ -9,23 +9,23 @@ import pytest
 from hypothesis import seed, settings
 from hypothesis.stateful import run_state_machine_as_test
 
-pytestmark = [pytest.mark.full, pytest.mark.slow]
+pytestmark = [pytest.mark.full, pytest.mark.slow(40)]
 
-#: Examples of each, 10 to 25 s of a processor.
+#: Examples of each, 5 to 12 s of a processor.
 EXAMPLES = {
-    "events.test_federation_machine:FederationMachine": 300,
-    "map_editor.test_proposals:ProposalMachine": 300,
-    "missions.test_carry_agreement:Carry": 400,
-    "missions.test_missions_under_faults:Missions": 50,
-    "missions.test_succession_of_leaders:Succession": 800,
-    "orb.test_pool_follower:Following": 80,
-    "robot.test_alone:SharedStops": 1000,
-    "robot.test_emergency_stop:Stops": 300,
-    "robot.test_program_runs:Runs": 80,
-    "robot.test_uploads:Life": 80,
-    "simulation.test_log_on:LogOn": 200,
-    "simulation.test_map_edits:MapEdits": 150,
-    "simulation.test_traffic:Traffic": 150,
+    "events.test_federation_machine:FederationMachine": 150,
+    "map_editor.test_proposals:ProposalMachine": 150,
+    "missions.test_carry_agreement:Carry": 200,
+    "missions.test_missions_under_faults:Missions": 25,
+    "missions.test_succession_of_leaders:Succession": 400,
+    "orb.test_pool_follower:Following": 40,
+    "robot.test_alone:SharedStops": 500,
+    "robot.test_emergency_stop:Stops": 150,
+    "robot.test_program_runs:Runs": 40,
+    "robot.test_uploads:Life": 40,
+    "simulation.test_log_on:LogOn": 100,
+    "simulation.test_map_edits:MapEdits": 75,
+    "simulation.test_traffic:Traffic": 75,
 }
 
 

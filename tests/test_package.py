@@ -9,16 +9,19 @@ import sys
 import sysconfig
 import venv
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from numba.core.caching import _CacheLocator
 
 from robocorba import __version__
 from robocorba.system.claimed_ports import claimed_ports
+from robocorba.system.kernel_store import KernelStore, cache_folder, sources, store
 from robocorba.system.settings import Address
 from testkit.processes import Launcher, Running, read_json
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(60), pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Folders of the checkout that the package holds too.
@@ -52,6 +55,24 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     theirs = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
     (Path(found.strip()) / "dependencies.pth").write_text("\n".join(theirs))
     return folder / "bin"
+
+
+@pytest.fixture(scope="module")
+def compiled(installed: Path) -> Iterator[None]:
+    """Kernels for the place of the wheel: copies of ours, since to compile them takes minutes of a processor."""
+    (root,) = installed.parent.glob("lib/python*/site-packages/robocorba")
+    ours, theirs = store().folder, KernelStore(root, cache_folder()).folder
+    assert ours and theirs
+    place_of = _CacheLocator.get_suitable_cache_subpath
+    for file in {file.parent: file for file in sources(root)}.values():
+        own = ours / place_of(str(ROOT / "robocorba" / file.relative_to(root)))
+        if own.is_dir():
+            shutil.copytree(own, theirs / place_of(str(file)))
+    (theirs / "complete").touch()
+    copies = {*theirs.rglob("*.nbc")}
+    yield
+    assert {*theirs.rglob("*.nbc")} == copies != set()
+    shutil.rmtree(theirs)
 
 
 def run(*command: str, **more: str) -> str:
@@ -97,9 +118,10 @@ def test_it_is_the_wheel_that_runs(installed: Path, tmp_path: Path) -> None:
     assert subprocess.check_output(command, cwd=tmp_path, text=True, timeout=60).strip() == __version__
 
 
+@pytest.mark.usefixtures("compiled")
 def test_servers_run_outside_the_checkout_and_no_strangers(installed: Path, tmp_path: Path) -> None:
     """What `robocorba` starts comes from the package, whatever lies where the user happens to be, or in the state
-    folder. The kernels are compiled, for the place where they are installed."""
+    folder."""
     for folder in (tmp_path, tmp_path / "state"):
         for package in ("clients", "servers", "robocorba"):
             (folder / package).mkdir(parents=True)

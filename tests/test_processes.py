@@ -217,7 +217,7 @@ def test_an_operation_is_repeated_after_pauses_that_grow() -> None:
     assert QUICK.poll(lambda: 0, 0.0) == 0
 
 
-@pytest.mark.parametrize(("timeout_s", "errors"), [(0.0, (OSError,)), (0.05, (OSError,)), (10.0, (ValueError,))])
+@pytest.mark.parametrize(("timeout_s", "errors"), [(0.0, (OSError,)), (0.05, (OSError,)), (60.0, (ValueError,))])
 def test_the_last_error_is_raised(timeout_s: float, errors: tuple[type[Exception], ...]) -> None:
     def operation() -> None:
         raise OSError("refused")
@@ -225,7 +225,7 @@ def test_the_last_error_is_raised(timeout_s: float, errors: tuple[type[Exception
     began = time.monotonic()
     with pytest.raises(OSError, match="refused"):
         QUICK.call(operation, timeout_s, *errors)
-    assert time.monotonic() - began < 5.0
+    assert time.monotonic() - began < 50.0
 
 
 def logging_to(folder: Path) -> str:
@@ -236,7 +236,7 @@ def logging_to(folder: Path) -> str:
 
 def run_logging(folder: Path, code: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, "-c", logging_to(folder) + code]
-    return subprocess.run(command, capture_output=True, text=True, timeout=30)
+    return subprocess.run(command, capture_output=True, text=True, timeout=60)
 
 
 @given(st.text())

@@ -22,7 +22,7 @@ from robocorba.system.lazy_property import lazy_property
 from robocorba.system.repeating import Repeating
 
 #: Whatever it runs on: a thread is waited for at most this long [s].
-LIMIT_S = 30.0
+LIMIT_S = 60.0
 
 
 def fail() -> None:

@@ -19,7 +19,7 @@ from testkit.fuzzing.wire import Wire
 #: Share of the inputs that are ill-formed on the wire.
 WIRE_SHARE = 0.15
 #: Time limit for a server that has ended to be back [s]; at the end its process is another one.
-RESTART_LIMIT_S = 30.0
+RESTART_LIMIT_S = 60.0
 _AGAIN = Backoff(0.1, 0.1)
 #: What a server may raise besides the exceptions of the operation. TRANSIENT: something else is missing now, or busy.
 #: After an ill-formed message the ORB may also close the connection, which is a COMM_FAILURE.

@@ -69,7 +69,7 @@ class GuardedSystem:
         robot = address_of(orb.uri(fuzzed.agent))
         self.endpoints[f"{ROBOTS}/{THEIRS}"] = str(robot)
         self._one = Access.read(running.state).robot(OURS)
-        eventually(self._is_one_there, 30.0, "the right of the robot with its own file")
+        eventually(self._is_one_there, what="the right of the robot with its own file")
 
     def intruder(self, who: str) -> Intruder:
         role = ROLES[who]
@@ -232,5 +232,5 @@ def guarded_system(folder: Path) -> Iterator[GuardedSystem]:
         Orb(RoleNaming.read(role_file(running.state, Role.SERVER)), call_timeout_s=30.0) as orb,
         contextlib.closing(FuzzedSystem(running, orb)) as fuzzed,
     ):
-        eventually(lambda: len(orb.names(ROBOTS)) == 2, 60.0, "the names of the robots")
+        eventually(lambda: len(orb.names(ROBOTS)) == 2, what="the names of the robots")
         yield GuardedSystem(running, orb, fuzzed)

@@ -18,8 +18,9 @@ from bench.events.network.networks import ADDRESS_OF, Link, Network
 from bench.events.network.robot import LEADERS
 from testkit.peers import PEERS, installed
 from testkit.peers.corba import CLIENT, HEADER, PLAIN, PLAIN_TO_BATCHES
+from testkit.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(120), pytest.mark.full]
 
 COUNT = 300
 #: Peers that are tested with floods, too.
@@ -30,7 +31,7 @@ OURS = {peer.name for peer in (PLAIN, PLAIN_TO_BATCHES, CLIENT)}
 def _nothing_is_left() -> Iterator[None]:
     before = set(psutil.Process().children(recursive=True))
     yield
-    assert set(psutil.Process().children(recursive=True)) <= before
+    eventually(lambda: set(psutil.Process().children(recursive=True)) <= before, what="all processes ended")
 
 
 @pytest.fixture

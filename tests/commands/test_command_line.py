@@ -206,7 +206,7 @@ def test_what_an_output_may_replace() -> None:
     os.mkfifo("pipe")
     with subprocess.Popen(["cat", "pipe"], stdout=subprocess.PIPE) as reader:
         write_outputs({Path("pipe"): b"3"}, replace=False)
-        assert reader.communicate(timeout=20)[0] == b"3"
+        assert reader.communicate(timeout=60)[0] == b"3"
     assert Path("pipe").is_fifo()
 
 

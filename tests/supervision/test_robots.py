@@ -72,7 +72,7 @@ def spec_of(script: str) -> Callable[[RobotOrder], ProcessSpec]:
 
     def spec(order: RobotOrder) -> ProcessSpec:
         output = ReadyLine(order.process)
-        return ProcessSpec(order.process, (sys.executable, "-S", "-c", script), Path.cwd(), output.probe, output, 20.0)
+        return ProcessSpec(order.process, (sys.executable, "-S", "-c", script), Path.cwd(), output.probe, output, 60.0)
 
     return spec
 

@@ -252,7 +252,7 @@ def test_defects_end_neither_the_reading_nor_the_watch() -> None:
         pipe = await Pipe.open()
         with pipe.write_end() as output:
             os.write(output, b"one\nbad\ntwo\n")
-        await asyncio.wait_for(pipe.read(handle), 30.0)
+        await asyncio.wait_for(pipe.read(handle), LIMIT_S)
 
     asyncio.run(read())
     assert handled == ["one", "two"]
@@ -262,7 +262,7 @@ def test_defects_end_neither_the_reading_nor_the_watch() -> None:
         raise errors.pop() if errors else NotReachable("it hangs")
 
     watch = watch_for_hang(process, is_alive, HangLimit(0.3))  # type: ignore[arg-type]
-    assert "was killed: no answer" in asyncio.run(asyncio.wait_for(watch, 30.0))
+    assert "was killed: no answer" in asyncio.run(asyncio.wait_for(watch, LIMIT_S))
     assert process.is_killed
 
 

@@ -79,7 +79,7 @@ def robocorba_up(launch: Launcher, tmp_path: Path, naming_port: int) -> Callable
 @pytest.fixture
 def client(naming_port: int) -> Iterator[Orb]:
     """This test's ORB, for the naming service of its port."""
-    with Orb(Address("127.0.0.1", naming_port), call_timeout_s=3.0) as orb:
+    with Orb(Address("127.0.0.1", naming_port), call_timeout_s=60.0) as orb:
         yield orb
 
 

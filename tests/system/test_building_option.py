@@ -15,7 +15,7 @@ from testkit.processes import Running, refusal
 from tests.map_editor.formats.rmf_files import small, written
 from tests.system.elements import wall
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(30), pytest.mark.full]
 
 Start = Callable[..., Running]
 
@@ -49,19 +49,9 @@ def test_a_foreign_file_gives_way_to_another_until_it_is_edited(
     assert said.startswith("robocorba up: map_editor ended with exit code 1")
     assert f"{running.state} holds edits of the map 'two floors', which was not created from" in said
     assert "small.building.yaml; choose another --state, or omit --building" in said
+    said = refusal(robocorba_up("--building", "nowhere.yaml").process)
+    assert said == "robocorba up: --building is 'nowhere.yaml': there is no such file"
 
     running = robocorba_up().wait_ready()
     assert served(client) == ("two floors", 2)
     assert running.stop() == 0
-
-
-def test_a_wrong_or_missing_file_is_one_line(robocorba_up: Start, tmp_path: Path) -> None:
-    (tmp_path / "wrong.yaml").write_text("robocorba: 1\nname: x\nfloors:\n- name: L1\n  level: one\n  elevation: 0\n")
-    running = robocorba_up("--building", "wrong.yaml")
-    said = refusal(running.process, 60)
-    assert said.startswith("robocorba up: map_editor ended with exit code 1")
-    assert f"{tmp_path / 'wrong.yaml'}:5: floors[0].level: " in said
-    assert sorted(path.name for path in running.state.iterdir() if "map" in path.name and "lock" not in path.name) == []
-    assert not (running.state / "up.json").exists()
-    said = refusal(robocorba_up("--building", "nowhere.yaml").process)
-    assert said == "robocorba up: --building is 'nowhere.yaml': there is no such file"

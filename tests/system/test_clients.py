@@ -23,7 +23,7 @@ from testkit.heartbeats import heartbeats
 from testkit.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 from testkit.simulation import about
 
-pytestmark = [pytest.mark.system, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.slow(120)]
 
 ROOT = Path(__file__).resolve().parents[2]
 #: Where the robot of this client begins.
@@ -131,18 +131,18 @@ def test_the_demo_carries_the_table(tmp_path: Path) -> None:
         with Image.open(tmp_path / "demo" / name) as picture:
             picture.verify()
     assert (tmp_path / "demo" / "logs" / "robot_A.log").is_file()
-    assert left_of_the_demo(tmp_path) == []
+    eventually(lambda: left_of_the_demo(tmp_path) == [], what="nothing is left")
 
 
 def test_a_demo_that_is_interrupted_leaves_nothing_behind(launch: Launcher, tmp_path: Path) -> None:
     demo = (*module_command("robocorba.clients.demo"), "demo", "--quick")
     process = launch(*demo, PYTHONPATH=str(ROOT), TMPDIR=str(tmp_path))
-    eventually(lambda: list(tmp_path.glob("robocorba-demo-*/up.json")), 60.0, "the servers' start")
+    eventually(lambda: list(tmp_path.glob("robocorba-demo-*/up.json")), what="the servers' start")
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert err == "demo: ended by Ctrl-C; logs are in demo/logs\n"
-    assert left_of_the_demo(tmp_path) == []
+    eventually(lambda: left_of_the_demo(tmp_path) == [], what="nothing is left")
 
 
 def left_of_the_demo(folder: Path) -> list[str]:
@@ -175,7 +175,7 @@ def test_it_drives_until_something_is_near(system: Running, launch: Launcher, sy
 
     uri = corbaname(system.naming, "RoboCorba/SimulationServer")
     process = launch(*module_command("robocorba.clients.new_robot"), uri, PYTHONPATH=str(ROOT))
-    eventually(lambda: robots().get("new", 0.0) > X + 1.0, 60.0, "it drives")
+    eventually(lambda: robots().get("new", 0.0) > X + 1.0, what="it drives")
     out, err = process.communicate(timeout=60.0)
     assert (process.returncode, err) == (0, "")
     found = re.fullmatch(r"something is near .*RoboCorba\.Pose\(floor='L1', x=(.*), y=(.*), heading=(.*)\)\n", out)

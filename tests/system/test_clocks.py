@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 
 from robocorba.errors.events import Unconfirmed
+from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba.event_client import Event, EventClient
 from robocorba.orb.orb import Orb
@@ -30,14 +31,14 @@ from testkit.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
 from testkit.processes import ROBOCORBA, Launcher, Running, eventually, forked_processes, running_system
 from testkit.simulation import GONE
 
-pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow]
+pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow(120)]
 
 SOURCE = Path(__file__).with_name("wrong_clock.c")
 HOUR_S, YEAR_S = 3600.0, 365 * 86400.0
 #: How far a clock is set, or is ahead [s].
 JUMPS_S = (1.0, -1.0, HOUR_S, -HOUR_S, YEAR_S, -YEAR_S)
 #: Timeout of what takes a second or two [s].
-LIMIT_S = 60.0
+LIMIT_S = 120.0
 SERVERS = ("omniNames", "map_editor", "simulation", "sensor_s1", "events_lab", "events_hall", "console")
 #: E leads, F carries the desk with it, and A leaves it alone; how far the clocks are ahead when they start [s].
 ROBOTS = {
@@ -57,7 +58,6 @@ class Clocks:
         self._folder = folder
 
     def set(self, pid: int, ahead_s: float) -> None:
-        """Set the clock of a process."""
         self._write(str(pid), ahead_s)
 
     def set_others(self, ahead_s: float) -> None:
@@ -101,15 +101,11 @@ class Place(MissionSystem):
         self._subscription = hall.subscribe(self._events.append, "t")
         self._numbers = itertools.count()
 
-    def __enter__(self) -> Place:
-        return self
-
     def end(self) -> None:
         self._subscription.end()
         super().end()
 
     def pid(self, name: str) -> int:
-        """Of a server, a robot, or `up` itself."""
         if name == "up":
             return self.running.process.pid
         return self.robots[name].pid if name in self.robots else self.running.pid(name)
@@ -141,20 +137,25 @@ class Place(MissionSystem):
         eventually(self._is_served, LIMIT_S, "the console's page")
 
     def drive(self) -> None:
-        """A robot does a program to its end."""
+        """A robot does a program to its end; once more where an answer was lost: its clock, set, ends connections."""
         agent = self.agent("A")
-        agent.load(SHORT)
-        agent.run()
-        eventually(lambda: agent.state().program.result is not ProgramResult.NO_RESULT, LIMIT_S, "the program's end")
-        assert agent.state().program.result is ProgramResult.DONE
+
+        def result() -> ProgramResult | None:
+            with contextlib.suppress(NotReachable, IllegalOrder):
+                agent.load(SHORT)
+                agent.run()
+                eventually(lambda: agent.state().program.result is not ProgramResult.NO_RESULT, LIMIT_S, "its end")
+                return agent.state().program.result
+            return None
+
+        assert eventually(result, LIMIT_S, "the program's end") is ProgramResult.DONE
 
     def status(self) -> list[dict[str, Any]]:
         """What `robocorba status` prints of each process."""
         process = self._launch(ROBOCORBA, "status", "--json", "--state", str(self.running.state))
         out, err = process.communicate(timeout=LIMIT_S)
         assert process.returncode == 0, err
-        found: list[dict[str, Any]] = json.loads(out)["processes"]
-        return found
+        return json.loads(out)["processes"]
 
     def _has_pushed(self, number: int) -> bool:
         with contextlib.suppress(Unconfirmed, NotReachable, *GONE):
@@ -183,10 +184,11 @@ class Place(MissionSystem):
         goal_x_m = next(x_m for x_m in GOALS_X_M if abs(self.body("desk").x - x_m) > 0.2)
         user = self.mission("E", "desk", f"{FLOOR}:{goal_x_m},7.6")
         self.at_phase("E", "gathering", user)  # before, it fails where a server is away
+        name = self.led_by("E")
         yield
         code, out, err = self.outcome(user)
         assert code == 0, (out, err)
-        content = self.control.missions_since(0)[-1].content
+        content = self.ended(name)
         assert (content.result, content.phases[-1].name) == (MissionResult.DONE, "backing off")
         took_s = time.monotonic() - began
         assert 0.0 < content.ended - content.begun < took_s
@@ -195,7 +197,7 @@ class Place(MissionSystem):
 
 def set_clocks(place: Place) -> None:
     """Of each process in turn, while it runs."""
-    since = place.log_ons()
+    since = eventually(place.log_ons, LIMIT_S, "log-ons")
     with ThreadPoolExecutor(1) as robot:
         for name in (*SERVERS, "up", *place.robots):
             program = robot.submit(place.drive)
@@ -204,7 +206,7 @@ def set_clocks(place: Place) -> None:
                 place.check_event()
             place.check_servers()
             program.result(LIMIT_S)
-            assert place.log_ons() == since, name
+            eventually(lambda since=since: place.log_ons() == since, LIMIT_S, f"the log-ons of before, {name}")
     place.clocks.set_others(YEAR_S)  # of `robocorba status`
     assert {(each["state"], 0.0 < each["uptime_s"] < HOUR_S) for each in place.status()} == {("running", True)}
     place.clocks.set_others(0.0)
@@ -214,7 +216,7 @@ def restart_with_wrong_clocks(place: Place) -> None:
     """Each server in turn; robots stay logged on."""
     steps = itertools.cycle(JUMPS_S)
     for name in SERVERS:
-        since = place.log_ons()
+        since = eventually(place.log_ons, LIMIT_S, "log-ons")
         place.restart(name, next(steps))
         place.check_servers()
         eventually(lambda before=since: place.log_ons() == before, LIMIT_S, "the same log-ons")

@@ -36,7 +36,7 @@ def call(system: Running, operation: str, /, **arguments: Any) -> Any:
         f"{system.record().console_address}call/{operation}", json.dumps(arguments).encode()
     )
     request.add_header("Content-Type", "application/json")
-    with urllib.request.urlopen(request, timeout=30.0) as answer:
+    with urllib.request.urlopen(request, timeout=60.0) as answer:
         content = json.load(answer)
     return content["error"] if "error" in content else content["answer"]
 
@@ -74,7 +74,7 @@ def test_the_console_is_a_process_of_the_system(tmp_path: Path) -> None:
 def check_console(system: Running, supervisor: RemoteSupervisor) -> None:
     address = system.record().console_address
     assert any(line.startswith("console\t") and line.endswith(f"\t{address}") for line in system.printed)
-    with urllib.request.urlopen(address, timeout=30.0) as page:
+    with urllib.request.urlopen(address, timeout=60.0) as page:
         assert b"RoboCorba" in page.read()
     names = [state.name for state in supervisor.processes()]
     assert names[:6] == ["omniNames", "map_editor", "simulation", "sensor_s1", "events_main", "console"]
@@ -119,7 +119,7 @@ def check_robots(system: Running, supervisor: RemoteSupervisor) -> None:
     eventually(lambda: any(bound in line for line in log()), START_S, "R2 is bound")
 
     supervisor.end_robot("R1")
-    eventually(lambda: state_of(supervisor, "robot_R1") is None, 60.0, "R1 ended")
+    eventually(lambda: state_of(supervisor, "robot_R1") is None, what="R1 ended")
     os.kill(processes[1].pid, signal.SIGKILL)
     assert wait_for(supervisor, "robot_R2", ProcessPhase.ENDED).problem == "ended by SIGKILL"
     assert not any(map(is_running, processes))
@@ -145,7 +145,7 @@ def check_end(system: Running, supervisor: RemoteSupervisor) -> None:
     wait_for(supervisor, "robot_R4", ProcessPhase.READY)
     system.note_descendants()
     assert system.stop(signal.SIGKILL) == -signal.SIGKILL
-    eventually(lambda: not system.left_behind(), 30.0, "all processes ended")
+    eventually(lambda: not system.left_behind(), what="all processes ended")
     with pytest.raises(NotReachable):
         supervisor.processes()
     with pytest.raises(OSError):  # refused, or reset while the last process closes its socket

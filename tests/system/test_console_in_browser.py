@@ -31,7 +31,7 @@ BROWSER = chromium()
 pytestmark = [
     pytest.mark.full,
     pytest.mark.system,
-    pytest.mark.slow,
+    pytest.mark.slow(220),
     pytest.mark.skipif(not BROWSER, reason="there is no chromium on this machine"),
 ]
 
@@ -149,6 +149,11 @@ class Operator:
 
     # ---- map ----
 
+    def floor(self, name: str) -> None:
+        """Show a floor on the page Map."""
+        self.tab(name)
+        expect(self.map).to_have_attribute("data-floor", name)
+
     def draw_building(self) -> None:
         self.open("Map")
         element = self.page.get_by_label("Panel").locator("h2")
@@ -175,7 +180,7 @@ class Operator:
         self.page.get_by_label("door time").fill("0.5")
         with self.page.expect_response("**/call/map_edit"):
             self.press("Enter")
-        self.tab("L1")
+        self.floor("L1")
 
     def put_table(self) -> None:
         """A table with a hostile name."""
@@ -195,7 +200,7 @@ class Operator:
     def check_and_plan(self) -> None:
         """Roads, what is wrong with them, and a path by two clicks, from one floor to the other."""
         for floor in ("L1", "L2"):
-            self.tab(floor)
+            self.floor(floor)
             self.press("Escape", "Escape")
             with self.page.expect_response("**/call/map_build_roads"):
                 self.button("Generate roads").click()
@@ -203,12 +208,11 @@ class Operator:
         self.tab("Findings")
         self.button("Check all floors").click()
         expect(self.page.get_by_text("Nothing found: a robot reaches every node.")).to_be_visible()
-        self.tab("L1")
+        self.floor("L1")
         self.map.focus()
         self.press("t")
         self.click_map(self.map, START["R1"])
-        self.tab("L2")
-        expect(self.map).to_have_attribute("data-floor", "L2")
+        self.floor("L2")
         self.click_map(self.map, GOAL)
         paths = self.page.get_by_label("Paths", exact=True).get_by_role("radio")
         expect(paths).to_have_text([re.compile(rf"{mode}\d+\.\d+ m, \d+ points") for mode in MODES])
@@ -217,8 +221,7 @@ class Operator:
     def type_while_another_edits(self, editor: RoboCorba.MapEditor) -> None:
         """Nobody overwrites unseen what another one has set meanwhile."""
         self.open("Map")
-        self.tab("L1")
-        expect(self.map).to_have_attribute("data-floor", "L1")
+        self.floor("L1")
         self.click_map(self.map, (5.5, 6.0))
         field = self.page.get_by_label("door time")
         field.fill("0.50")  # as it was
@@ -234,7 +237,7 @@ class Operator:
         for typed in ("1.3", "1.35"):  # the second before the first is answered
             field.fill(typed)
             self.press("Enter")
-        eventually(lambda: editor.read(e1).value.anElevator.doorTime == 1.35, 60.0, "the value")
+        eventually(lambda: editor.read(e1).value.anElevator.doorTime == 1.35, what="the value")
         expect(note).to_have_count(0)
 
     # ---- monitor ----
@@ -329,11 +332,14 @@ class Operator:
         self.add("hand_over", object=TABLE, taker="R2")
         self.add("mbase_path")
         expect(self.card("mbase_path")).to_contain_text(re.compile(r"L1 3\.\d+, 2\.\d+"))
-        self.page.get_by_label("Target on the map").get_by_role("tab", name="L2").click()
+        upper = self.page.get_by_label("Target on the map").get_by_role("tab", name="L2")
+        upper.click()
+        expect(upper).to_have_attribute("aria-selected", "true")
         self.click_map(self.target_map(), (CORNERS[1][0], 2.0))
         self.page.locator(".program-palette [data-icon=wait]").drag_to(
             self.card("mhand_posture"), target_position={"x": 30, "y": 2}
         )
+        expect(self.card("wait")).to_have_attribute("aria-pressed", "true")
         self.set_fields(seconds="0.2")
         kinds = self.page.locator(".program-palette [data-icon]").evaluate_all(
             "all => all.map((each) => each.dataset.icon)"
@@ -427,14 +433,23 @@ class Operator:
         """The camera goes to the robot: then a click in the middle of the picture is one on the robot."""
         self.open("3D")
         robot = self.page.get_by_label("Robot", exact=True)
-        robot.select_option("R1")
-        expect(self.fact("at")).to_contain_text(f"L2 {GOAL[0]:.1f}")
-        self.button("Follow the robot").click()
-        canvas = self.page.locator(".console-scene canvas")
-        robot.select_option("none")
-        expect(self.page.locator(".scene-facts")).to_have_count(0)
-        canvas.click()
-        expect(robot).to_have_value("R1")
+        follow = self.button("Follow the robot")
+
+        def is_hit() -> bool:
+            robot.select_option("R1")
+            expect(self.fact("at")).to_contain_text(f"L2 {GOAL[0]:.1f}")
+            if follow.get_attribute("aria-pressed") == "false":
+                follow.click()
+            expect(follow).to_have_attribute("aria-pressed", "true")
+            robot.select_option("none")
+            expect(self.page.locator(".scene-facts")).to_have_count(0)
+            self.page.locator(".console-scene canvas").click()
+            with contextlib.suppress(AssertionError):
+                expect(robot).to_have_value("R1", timeout=1000.0)
+                return True
+            return False  # the floor, and with it the camera, has not come yet
+
+        eventually(is_hit, LIMIT_S, "a click on the robot")
 
     # ---- missions, the past ----
 
@@ -529,8 +544,11 @@ class Operator:
         """The robots log on again, and are where they were."""
         self.open("Monitor")
         self.robot_row("R1").click()
-        before = self.fact("pose").text_content()
-        assert before
+        expect(self.robot_row("R1")).to_have_attribute("aria-selected", "true")
+        expect(self.robot_row("R1")).to_contain_text("waiting for an order")
+        expect(self.fact("speed")).to_contain_text("0.00 m/s")
+        expect(self.fact("pose")).to_have_text(re.compile(r"L[12]: \d"))
+        before = str(self.fact("pose").text_content())
         with self.killed(system, "simulation"):
             pass
         for name in START:

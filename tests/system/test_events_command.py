@@ -14,7 +14,7 @@ import pytest
 from robocorba.system.supervision.launch import module_command
 from testkit.processes import ROBOCORBA, Running, eventually, running_system
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(70), pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 Launch = Events = Callable[..., subprocess.Popen[str]]
@@ -35,7 +35,7 @@ def events(launch: Launch, federation: Running) -> Events:
 
 def done(process: subprocess.Popen[str]) -> str:
     """What a command printed that had nothing to complain about."""
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=60)
     assert (process.returncode, err) == (0, "")
     return out
 
@@ -61,11 +61,11 @@ def wait_wanted(events: Events, type: str, source: str) -> None:
         links = state(events, "lab")["links"]
         return any({"type": type, "source": source} in link["interest"] for link in links)
 
-    eventually(is_wanted, 60.0, "the interest of hall")
+    eventually(is_wanted, what="the interest of hall")
 
 
 def test_stats_tell_of_all_channels(events: Events) -> None:
-    eventually(lambda: is_linked(events, "lab"), 60.0, "the link")
+    eventually(lambda: is_linked(events, "lab"), what="the link")
     rows = [line.split("\t") for line in done(events("stats")).splitlines()]
     assert {row[0] for row in rows} == {"channel", "", "lab", "hall"}
     assert ["from hall", "up"] in [row[1:3] for row in rows if row[0] == "lab"]
@@ -97,7 +97,7 @@ def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> No
 def test_tail_ends_and_leaves_nothing(events: Events, number: signal.Signals | None) -> None:
     """By a signal, or when nobody reads it any more."""
     listener = events("tail", "lab", "--json")
-    eventually(lambda: len(consumers(events, "lab")) == 1, 60.0, "the consumer")
+    eventually(lambda: len(consumers(events, "lab")) == 1, what="the consumer")
     done(events("push", "lab", "x", "[1, 2]"))
     assert listener.stdout is not None and listener.stderr is not None
     said = json.loads(listener.stdout.readline())
@@ -116,12 +116,12 @@ def test_tail_ends_and_leaves_nothing(events: Events, number: signal.Signals | N
 def test_links_end_and_begin(events: Events) -> None:
     done(events("peer", "remove", "lab", "hall"))
     assert state(events, "lab")["links"] == []
-    eventually(lambda: state(events, "hall")["links"] == [], 60.0, "the end of the link at hall")
+    eventually(lambda: state(events, "hall")["links"] == [], what="the end of the link at hall")
     done(events("peer", "add", "hall", "lab"))
     # lab has removed hall, and takes it back only when it is told so itself.
-    eventually(lambda: "removed" in state(events, "hall")["links"][0]["problem"], 60.0, "the refusal")
+    eventually(lambda: "removed" in state(events, "hall")["links"][0]["problem"], what="the refusal")
     done(events("peer", "add", "lab", "hall"))
-    eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), 60.0, "the link again")
+    eventually(lambda: is_linked(events, "lab") and is_linked(events, "hall"), what="the link again")
 
 
 #: By the name of an example: the type of the events that its consumer is interested in.

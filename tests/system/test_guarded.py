@@ -48,7 +48,7 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         assert robot.stdout.readline() == "ready\n"
         yield running
         robot.send_signal(signal.SIGTERM)
-        robot.communicate(timeout=40.0)
+        robot.communicate(timeout=PATIENCE_S)
         assert running.stop() == 0
 
 
@@ -103,12 +103,12 @@ def test_an_operator_edits_and_stops(orb: Orb, guarded: Running, tmp_path: Path)
         RemoteAgent(orb, "A").stop()
     operator = str(role_file(guarded.state, Role.OPERATOR))
     with Launcher(tmp_path) as launch:
-        said = launch(ROBOCORBA, "stop", "A", ROBOCORBA_NAMING=str(guarded.naming)).communicate(timeout=30.0)
+        said = launch(ROBOCORBA, "stop", "A", ROBOCORBA_NAMING=str(guarded.naming)).communicate(timeout=PATIENCE_S)
         assert "access/operator.ior" in said[1]
         assert RemoteAgent(orb, "A").state().condition is not AgentCondition.STOPPED
         for options in (("--naming", operator), ("--state", str(guarded.state))):
             process = launch(ROBOCORBA, "stop", "A", *options)
-            assert process.communicate(timeout=30.0)[1] == ""
+            assert process.communicate(timeout=PATIENCE_S)[1] == ""
             assert process.returncode == 0
     # What the state folder knows is enough to be an operator, without the naming service.
     addresses = stop_addresses(guarded.state, RoleNaming.read(Path(operator)))
@@ -131,9 +131,13 @@ def test_names_return_after_a_kill_of_their_server(orb: Orb, guarded: Running) -
 
 def test_a_robot_with_a_file_of_its_own_is_nobody_else(orb: Orb, guarded: Running, tmp_path: Path) -> None:
     with Launcher(tmp_path) as launch:
-        out, _ = launch(ROBOCORBA, "access", "robot", "B/x", "--state", str(guarded.state)).communicate(timeout=30.0)
+        out, _ = launch(ROBOCORBA, "access", "robot", "B/x", "--state", str(guarded.state)).communicate(
+            timeout=PATIENCE_S
+        )
         assert out == ""
-        out, _ = launch(ROBOCORBA, "access", "robot", "B.1", "--state", str(guarded.state)).communicate(timeout=30.0)
+        out, _ = launch(ROBOCORBA, "access", "robot", "B.1", "--state", str(guarded.state)).communicate(
+            timeout=PATIENCE_S
+        )
     file = Path(out.strip())
     assert (file.stat().st_mode & 0o777, file.parent) == (0o600, guarded.state / "access" / "robots")
     root = orb.reference(file.read_text().strip(), CosNaming.NamingContextExt, 10.0)

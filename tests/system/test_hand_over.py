@@ -30,7 +30,7 @@ from robocorba.simulation.recording import Recording
 from robocorba.system.supervision.launch import LoggedProcess, module_command
 from testkit.processes import running_system
 
-pytestmark = [pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.slow(150), pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = Path(str(files("robocorba") / "samples"))

@@ -197,8 +197,8 @@ def test_an_edge_is_blocked_while_its_door_is_locked(editor: Any, system: Runnin
     version = lock(editor, True)
     reason = "it leads through locked door 'd' near 10, 5"
     assert blocked() == [("EDGE_ELEMENT", "west-east", "L1", 10.0, 5.0, f"blocked: {reason}")]
-    log = (system.state / "logs" / "map_editor.log").read_text()
-    assert f"version {version} blocks edge 'west-east' on L1: {reason}\n" in log
+    log, said = system.state / "logs" / "map_editor.log", f"version {version} blocks edge 'west-east' on L1: {reason}\n"
+    eventually(lambda: said in log.read_text(), what="the line of the log")
     said = refused(RoboCorba.InvalidElement, editor.create, "L1", edge("again", "west", "east"))
     assert words(said.id) == ("EDGE_ELEMENT", "L1", "again")
     lock(editor, False)
@@ -225,7 +225,7 @@ def test_authors_and_pictures_survive_a_kill(system_orb: Orb, system: Running) -
     remote.set_underlay("L1", plan)
     pid = system.pid("map_editor")
     os.kill(pid, signal.SIGKILL)
-    eventually(lambda: system.pid("map_editor") not in (0, pid), 30.0, "restarted")
+    eventually(lambda: system.pid("map_editor") not in (0, pid), what="restarted")
 
     def edits() -> list[tuple[str, str]]:
         try:
@@ -233,7 +233,7 @@ def test_authors_and_pictures_survive_a_kill(system_orb: Orb, system: Running) -
         except NotReachable:
             return []
 
-    assert eventually(edits, 30.0, "answers again") == [("Ada", "wall kept on L2 created")]
+    assert eventually(edits, what="answers again") == [("Ada", "wall kept on L2 created")]
     assert remote.underlay("L1") == plan
 
     def session_ended() -> bool:

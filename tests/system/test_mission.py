@@ -23,7 +23,7 @@ from robocorba.simulation.mission_record import MissionResult
 from testkit.missions import FLOOR, MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
 from testkit.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(300), pytest.mark.full]
 
 #: The phases of a mission from when hands grip.
 TAKEN_HOLD = ("gripping", "carrying", "putting down", "backing off")
@@ -60,7 +60,7 @@ class Crew:
         """Its exit code and last line; then nobody holds anything, nobody moves, and all who live are free."""
         code, out, err = self.place.outcome(user)
         assert "Traceback" not in err, err
-        eventually(lambda: all(map(self.place.is_free, self.crew)), 60.0, f"{self.crew} are free")
+        eventually(lambda: all(map(self.place.is_free, self.crew)), what=f"{self.crew} are free")
         held = self.place.holding()
         assert self.crew.isdisjoint(held), held
         assert self.place.is_stationary((*self.crew, self.thing))
@@ -143,7 +143,7 @@ class Crew:
         place, (goal, user) = self.place, self.carry("E")
         place.carrying("E", "desk", user)
         before = place.kill_server("events_yard")
-        eventually(lambda: place.is_back("events_yard", before), 30.0, "the channel is back")
+        eventually(lambda: place.is_back("events_yard", before), what="the channel is back")
         self.arrive(user, "E", goal)
 
     def abort(self) -> None:
@@ -222,14 +222,14 @@ def keep_missions_over_a_kill(place: MissionSystem) -> None:
     """Of the simulation server."""
     control = place.control
     eventually(
-        lambda: not any(state.content.is_running for state in control.missions_since(0)), 30.0, "all ends are recorded"
+        lambda: not any(state.content.is_running for state in control.missions_since(0)), what="all ends are recorded"
     )
     before = {state.name: state.content for state in control.missions_since(0)}
     reports = {name: control.report(name) for name in before}
     since = max(state.version for state in control.missions_since(0))
     pid = place.kill_server("simulation")
-    eventually(lambda: place.is_back("simulation", pid), 30.0, "the simulation server is back")
-    again = eventually(lambda: place.missions_since(since), 30.0, "mission control answers")
+    eventually(lambda: place.is_back("simulation", pid), what="the simulation server is back")
+    again = eventually(lambda: place.missions_since(since), what="mission control answers")
     assert {state.name: state.content for state in again} == before
     assert {name: control.report(name) for name in before} == reports
     done = next(name for name, content in before.items() if content.result is MissionResult.DONE)

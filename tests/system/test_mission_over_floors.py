@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import contextlib
 import math
-import subprocess
 from collections.abc import Callable, Iterator, Sequence
 from itertools import groupby
 from typing import Any
@@ -22,9 +21,9 @@ from robocorba.simulation.registry import Pose
 from robocorba.system.repeating import Repeating
 from testkit.buildings import two_storeys
 from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, missions
-from testkit.processes import ROBOCORBA, eventually, read_json
+from testkit.processes import eventually, read_json
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(170), pytest.mark.full]
 
 PATIENCE_S = 120.0
 ORDER = "waiting", "waiting for an order"
@@ -66,9 +65,8 @@ class Viewers:
         return (row["state"]["display"]["kind"], row["state"]["display"]["text"]) if row["state"] else None
 
     def _status(self, robot: str) -> tuple[str, str]:
-        command = (ROBOCORBA, "status", "--json", "--state", str(self.place.running.state))
-        answer = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE_S)
-        kind, text = read_json(answer.stdout)["robots"].get(robot, ("", ""))
+        process = self.place.robocorba("viewer", "status", "--json", "--state", str(self.place.running.state))
+        kind, text = read_json(process.communicate(timeout=PATIENCE_S)[0])["robots"].get(robot, ("", ""))
         return kind, text
 
     def _watch(self, robot: str) -> str:
@@ -147,7 +145,7 @@ def test_the_other_one_carries_on_alone_when_the_leader_is_killed_in_the_cabin(v
     helper.pause()
     viewers.all_show("B", "waiting", f"paused: gathering (mission {place.led_by('A')}.1)")
     viewers.all_show("A", "waiting", "waiting for B")
-    assert place.agent("A").display().seconds > 1.0
+    eventually(lambda: place.agent("A").display().seconds > 1.0, PATIENCE_S, "how long it has waited")
     helper.resume()
     with contextlib.closing(Repeating("watch", look, LOOK_S).start()):
         eventually(is_riding, MISSION_LIMIT_S, "riding")
@@ -162,9 +160,10 @@ def test_the_other_one_carries_on_alone_when_the_leader_is_killed_in_the_cabin(v
     assert (state.at.floor, state.condition) == ("L2", AgentCondition.IDLE)
     assert [body.name for body in RemotePool(place.orb, "B").content().came if body.name == "box"]
     (mission,) = place.control.missions_since(0)
-    assert (mission.content.leader, mission.content.term) == ("B", 2)
+    content = place.ended(mission.name)
+    assert (content.leader, content.term) == ("B", 2)
     # On a busy machine a carry may wait for the positions of others.
-    names = [phase.name for phase in mission.content.phases if not phase.name.startswith("waiting: ")]
+    names = [phase.name for phase in content.phases if not phase.name.startswith("waiting: ")]
     assert [name for name, _ in groupby(names)] == [
         *("asking", "reserving", "gathering", "approaching", "gripping", "carrying", "waiting for the cabin"),
         *("driving in", "riding", "recovering", "riding without A", "driving out without A", "carrying without A"),

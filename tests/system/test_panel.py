@@ -29,7 +29,7 @@ BROWSER = chromium()
 pytestmark = [
     pytest.mark.full,
     pytest.mark.system,
-    pytest.mark.slow,
+    pytest.mark.slow(140),
     pytest.mark.skipif(not BROWSER, reason="there is no chromium on this machine"),
 ]
 
@@ -61,6 +61,7 @@ class Tablet:
 
     def choose(self, program: str) -> None:
         self.page.locator(".panel-program").tap()
+        expect(self.page.get_by_role("option", name=program, exact=True)).to_be_visible()
         self.is_well_laid_out()
         self.page.get_by_role("option", name=program, exact=True).tap()
         expect(self.page.locator(".panel-program b")).to_have_text(program)

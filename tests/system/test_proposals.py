@@ -12,7 +12,7 @@ from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 from testkit.processes import Launcher, Running, eventually, read_json
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(100), pytest.mark.full]
 
 
 def test_the_rule_of_a_system_draws_what_enough_robots_have_seen(
@@ -25,7 +25,7 @@ def test_the_rule_of_a_system_draws_what_enough_robots_have_seen(
         propose("L1", chair, 0.9, seen_by)
     assert [proposal.seen_by for proposal in editor.proposals()] == [("A", "B")]
     propose("L1", chair, 0.9, "C")
-    (edit,) = eventually(lambda: editor.edits_since(began), 60.0, "the edit by the rule")
+    (edit,) = eventually(lambda: editor.edits_since(began), what="the edit by the rule")
     assert edit.author == "rule: 3 robots" and edit.summary.startswith("object seen ")
     assert editor.proposals() == []
     assert running.stop() == 0

@@ -33,7 +33,7 @@ from testkit.processes import Launcher, Running, eventually, hang, running_syste
 from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, RobotProcess, difference, robot_process
 from tests.waits import outlast, pause
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(110), pytest.mark.full]
 
 PATIENCE_S = 120.0
 LONG = ProgramBuilder("long").mbase_velocity(0.2, 0.0, 0.4, 60.0).program()
@@ -260,7 +260,7 @@ def test_the_same_program_ends_at_the_same_place(system_orb: Orb, tmp_path: Path
             assert pool.floor == "L2"
             assert [body.name for body in pool.content().came if body.name == NAME] == [NAME]
             # Its body in the building has gone with it.
-            eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, 30.0, "the body")
+            eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, what="the body")
             left_at = robot.agent.state().at  # it may have rolled out since its program ended
             robot.robocorba("switch", NAME, "simulated")
             assert robot.agent.state().at[1:] == pytest.approx(left_at[1:], abs=0.005)

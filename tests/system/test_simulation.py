@@ -157,7 +157,7 @@ def test_changes_of_a_floor_are_published_as_structs_on_request(place: Place) ->
             updates = [event.payload for event in received]
             return any(update.since == before.current for before, update in itertools.pairwise(updates))
 
-        eventually(continues, 30.0, "an update that continues the one before")
+        eventually(continues, what="an update that continues the one before")
         a.command(RoboCorba.Velocity(0.0, 0.0, 0.0), 5.0)
 
         def has_last_pose() -> bool:
@@ -166,7 +166,7 @@ def test_changes_of_a_floor_are_published_as_structs_on_request(place: Place) ->
             row = next((row for row in update.motions if row.number == number), None)
             return update.since == 0 and (row.x, row.y, row.heading) == pytest.approx((at.x, at.y, at.heading))
 
-        eventually(has_last_pose, 30.0, "the whole floor with the last pose")
+        eventually(has_last_pose, what="the whole floor with the last pose")
     with pytest.raises(RoboCorba.UnknownFloor):
         place.database.publishTypedChanges("L9")
     assert {(event.type, event.source) for event in received} == {("typed.floor_changed", "L1")}

@@ -25,7 +25,7 @@ from testkit.processes import ROBOCORBA, Launcher, Running, drain, read_json
 from testkit.simulation import error_lines
 from tests.system.event_place import PushConsumer
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(90), pytest.mark.full]
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -63,7 +63,7 @@ def has_combat() -> bool:
     if not shutil.which("tclsh"):
         return False
     script = "exit [catch {package require combat}]"
-    return subprocess.run(["tclsh"], input=script, text=True, capture_output=True, timeout=30).returncode == 0
+    return subprocess.run(["tclsh"], input=script, text=True, capture_output=True, timeout=120).returncode == 0
 
 
 if not has_combat():
@@ -335,7 +335,7 @@ def test_the_example_prints_a_path(system: Running, repository: Path) -> None:
     def get_path(uri: str, *where: str) -> tuple[int, str, str]:
         """Exit code, stdout and stderr of the example."""
         command = ("tclsh", str(ROOT / "clients" / "tcl" / "get_path.tcl"), str(repository), uri, *where)
-        ran = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        ran = subprocess.run(command, capture_output=True, text=True, timeout=120)
         return ran.returncode, ran.stdout, ran.stderr
 
     uri, west = corbaname(system.naming, "RoboCorba/PathPlanner"), ("L1", "3", "3")

@@ -9,7 +9,7 @@ import pytest
 
 from tests.system.tutorial_reader import LONGEST, PAGES, Reader, open_readers, params
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(180), pytest.mark.full]
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from robocorba.system.names import CHANNELS
 from testkit.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
 from tests.damage import damage
 
-pytestmark = pytest.mark.system
+pytestmark = [pytest.mark.system, pytest.mark.slow(60)]
 
 Launch = Callable[..., subprocess.Popen[str]]
 Start = Callable[..., Running]
@@ -64,7 +64,7 @@ def test_all_is_served_when_it_is_ready_and_nothing_is_left_after_ctrl_c(
     assert (names["name"], echo["name"], echo["pid"]) == ("omniNames", "echo", pid)
     assert echo["memory_mib"] > 1 and echo["uptime_s"] > 0 and echo["restarts"] == 0
     assert [thing["name"] for thing in echo["objects"]] == ["RoboCorba/PathPlanner"]
-    assert 0 < echo["objects"][0]["answered_ms"] < 2000
+    assert 0 < echo["objects"][0]["answered_ms"] < 60_000
     state = ("--state", str(running.state))
     found = read_json(launch(ROBOCORBA, "doctor", "--json", *state).communicate(timeout=60)[0])
     facts = {fact["what"]: fact["found"] for fact in found["facts"]}
@@ -72,6 +72,8 @@ def test_all_is_served_when_it_is_ready_and_nothing_is_left_after_ctrl_c(
     assert [each["name"] for each in found["processes"]] == ["omniNames", "echo"]
     assert f"echo started with process id {pid}" in launch(ROBOCORBA, "logs", "up", *state).communicate(timeout=60)[0]
     follower = launch(ROBOCORBA, "logs", "up", "-f", "--lines", "0", *state)
+    log = str(running.state / "logs" / "up.log")
+    eventually(lambda: log in [file.path for file in psutil.Process(follower.pid).open_files()], what="its follower")
     hang(pid)
     code, out = status(launch, running)
     assert (code, "\tPathPlanner\tRoboCorba/PathPlanner is not reachable" in out) == (1, True)
@@ -79,7 +81,7 @@ def test_all_is_served_when_it_is_ready_and_nothing_is_left_after_ctrl_c(
     assert running.stop(signal.SIGINT) == 0
     assert follower.stdout and follower.stdout.readline().endswith("up stopped\n")
     follower.send_signal(signal.SIGINT)
-    assert follower.wait(30.0) == 0
+    assert follower.wait(60.0) == 0
     assert running.left_behind() == []
     assert len(running.descendants) == 3  # with the warm parent
     assert not (running.state / "up.json").exists()
@@ -92,7 +94,7 @@ def test_kill_9_of_the_supervisor_and_damaged_files(
     running = echo_up().wait_ready()
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
     running.stop(signal.SIGKILL)
-    eventually(lambda: not running.left_behind(), 30.0, "all children ended")
+    eventually(lambda: not running.left_behind(), what="all children ended")
     assert len(running.descendants) == 3  # with the warm parent
     assert status(launch, running) == (1, f"nothing runs in {running.state}\n")  # up.json is still there
     damaged = ("ports.json", "up.json", "omninames/omninames.dat")
@@ -107,7 +109,7 @@ def test_kill_9_of_the_supervisor_and_damaged_files(
         assert f"{running.state / name} is damaged" in log
     running.stop(signal.SIGKILL)
     moved = echo_up(port=naming_port + 5).wait_ready()  # the same folder at another naming service
-    name = ("RoboCorba/PathPlanner", RoboCorba.PathPlanner, 20.0)
+    name = ("RoboCorba/PathPlanner", RoboCorba.PathPlanner, 60.0)
     found = client.resolve_in_other_naming_service(moved.naming, *name)
     assert eventually(lambda: answers(found)) == moved.pid("echo")
     assert moved.stop(signal.SIGHUP) == 0
@@ -127,7 +129,7 @@ def test_what_a_server_started_ends_with_it(echo_up: Start) -> None:
     assert len(running.descendants) == 4
     first, orphans = running.pid("echo"), psutil.Process(running.pid("echo")).children()
     os.kill(first, signal.SIGKILL)
-    eventually(lambda: not any(map(is_running, orphans)), 30.0, "the killed server's child ended")
+    eventually(lambda: not any(map(is_running, orphans)), what="the killed server's child ended")
     eventually(lambda: running.pid("echo") not in (0, first), what="started again")
     running.note_descendants()
     assert running.stop() == 0
@@ -148,9 +150,13 @@ def test_references_and_names_survive_kill_9_of_servers(echo_up: Start, client: 
     for restarts in (1, 2, 3):
         before = planner._get_mapVersion()
         os.kill(before, signal.SIGKILL)
-        eventually(lambda: answers(planner) not in (0, before), 30.0, "answers again")  # noqa: B023
-        eventually(lambda: running.record().processes[1].state == "running", what="seen as running")
-        assert running.record().processes[1].restarts == restarts
+        eventually(lambda: answers(planner) not in (0, before), what="answers again")  # noqa: B023
+
+        def is_seen(restarts: int = restarts) -> bool:
+            echo = running.record().processes[1]
+            return (echo.state, echo.restarts) == ("running", restarts)
+
+        eventually(is_seen, what="seen as running")
     first = running.pid("omniNames")
     os.kill(first, signal.SIGKILL)
     eventually(lambda: running.pid("omniNames") not in (0, first), what="started again")
@@ -158,7 +164,7 @@ def test_references_and_names_survive_kill_9_of_servers(echo_up: Start, client: 
     for file in (running.state / "omninames").iterdir():  # the next one comes back empty
         file.unlink()
     os.kill(running.pid("omniNames"), signal.SIGKILL)
-    assert client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=6.0)._get_mapVersion() == running.pid("echo")
+    assert client.resolve("PathPlanner", RoboCorba.PathPlanner, timeout_s=60.0)._get_mapVersion() == running.pid("echo")
     assert running.stop() == 0
 
 
@@ -190,8 +196,8 @@ def test_a_server_that_fails_at_start_is_named_with_its_error(echo_up: Start) ->
 
 
 def test_a_server_that_never_serves_is_named(echo_up: Start) -> None:
-    said = refusal(echo_up(limit_s=1.0, ECHO_MODE="mute").process)
-    assert said.startswith("robocorba up: echo did not answer within 1 s: RoboCorba/PathPlanner is not reachable")
+    said = refusal(echo_up(limit_s=5.0, ECHO_MODE="mute").process)
+    assert said.startswith("robocorba up: echo did not answer within 5 s: RoboCorba/PathPlanner is not reachable")
 
 
 def test_a_server_that_hangs_is_restarted(echo_up: Start, client: Orb) -> None:
@@ -199,8 +205,8 @@ def test_a_server_that_hangs_is_restarted(echo_up: Start, client: Orb) -> None:
     planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
     hanging = running.pid("echo")
     os.kill(hanging, signal.SIGSTOP)
-    eventually(lambda: not psutil.pid_exists(hanging), 60.0, "the end of the hanging server")
-    assert eventually(lambda: answers(planner), 60.0) != hanging
+    eventually(lambda: not psutil.pid_exists(hanging), what="the end of the hanging server")
+    assert eventually(lambda: answers(planner)) != hanging
     assert "echo was killed: no answer for" in (running.state / "logs" / "up.log").read_text()
 
 
@@ -219,6 +225,6 @@ def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> N
     assert client.resolve(f"{CHANNELS}/main", RoboCorba.EventChannel).state().links == []
     assert launch(ROBOCORBA, "status", "--state", str(running.state)).wait(60.0) == 0
     os.kill(running.pid("map_editor"), signal.SIGKILL)
-    eventually(lambda: answers(planner) > 0, 60.0, "answers again")
+    eventually(lambda: answers(planner) > 0, what="answers again")
     assert running.stop() == 0
     assert running.left_behind() == []

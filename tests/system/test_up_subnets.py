@@ -13,13 +13,13 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.names import CHANNELS
 from testkit.processes import ROBOCORBA, Launcher, Running, eventually, read_json
 
-pytestmark = [pytest.mark.system, pytest.mark.slow, pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(60), pytest.mark.full]
 
 Start = Callable[..., Running]
 
 
 def channel(orb: Orb, name: str) -> Any:
-    return orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel, timeout_s=5.0)
+    return orb.resolve(f"{CHANNELS}/{name}", RoboCorba.EventChannel)
 
 
 def are_linked(orb: Orb, names: Iterable[str]) -> bool:
@@ -40,9 +40,9 @@ def check_federation(running: Running, launch: Launcher, orb: Orb) -> None:
     names = ["hall", "lab", "yard"]
     assert orb.names(CHANNELS) == names
     assert orb.names("nothing/like/it") == []
-    eventually(lambda: are_linked(orb, names), 60.0, "all links")
+    eventually(lambda: are_linked(orb, names), what="all links")
     status = launch(ROBOCORBA, "status", "--state", str(running.state), "--json")
-    out, err = status.communicate(timeout=30)
+    out, err = status.communicate(timeout=60)
     assert (status.returncode, err) == (0, "")
     objects = {process["name"]: process["objects"] for process in read_json(out)["processes"]}
     for name in names:
@@ -73,12 +73,12 @@ def test_subnets_are_a_federation_and_go_and_come_back(robocorba_up: Start, laun
 
     # hall last ran with yard, and must not look for it now.
     running = robocorba_up("--subnets", "hall,lab,roof").wait_ready()
-    eventually(lambda: are_linked(client, ["hall", "lab", "roof"]), 60.0, "the links of those that are here now")
+    eventually(lambda: are_linked(client, ["hall", "lab", "roof"]), what="the links of those that are here now")
     kept = {process.name: process.endpoint for process in running.record().processes if process.name in endpoints}
     assert kept == {name: endpoint for name, endpoint in endpoints.items() if name != "events_yard"}
     names = [f"n{number:04}" for number in range(1200)]
     client.serve({f"many/{name}": RoboCorba__POA.PathPlanner() for name in names})
-    eventually(lambda: len(client.names("many")) == len(names), 60.0, "all names bound")
+    eventually(lambda: len(client.names("many")) == len(names), what="all names bound")
     assert client.names("many") == names  # a long list comes whole
     assert running.stop() == 0
     assert running.left_behind() == []
@@ -96,7 +96,7 @@ def test_channels_and_robots_go_by_the_sub_networks_of_the_map(
         where = ("--naming", str(running.naming), "--state", str(running.state), "--floor", "L1")
         process = launch(ROBOCORBA, "robot", name, *where, *options)
         assert process.stdout is not None and process.stdout.readline() == "ready\n"
-        agent = client.resolve(f"Robots/{name}", RoboCorba.RobotAgent, timeout_s=5.0)
+        agent = client.resolve(f"Robots/{name}", RoboCorba.RobotAgent)
         found = agent._get_channel()
         process.terminate()
         return found, process.communicate(timeout=60)[1]

@@ -189,7 +189,7 @@ def test_recordings_for_foxglove(robocorba: Robocorba, tmp_path: Path) -> None:
         counts = summary.statistics.channel_message_counts
         found = {channel.topic: counts[number] for number, channel in summary.channels.items()}
         assert min(found[f"/{robot}/{topic}"] for robot in "AB" for topic in ("pose", "joint_states")) > 3
-        assert found["/tf"] > 3 and found["/robots"] > 1
+        assert found["/tf"] > 3 and found["/robots"] > 0
     assert refusal(robocorba("convert", "live.mcap", "again.mcap")) == (
         "robocorba convert: live.mcap: not a recording of RoboCorba, but another MCAP file"
     )
