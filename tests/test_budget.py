@@ -1,5 +1,5 @@
-"""How much there is of everything: the numbers may only fall. Whoever makes something smaller lowers its number. Only a
-part that was promised and missing may raise it: last the senses of robots that speak ROS 2, and their tests."""
+"""How much there is of everything: the numbers may only fall. A change that makes something smaller lowers its number.
+Only a part that was promised and missing may raise it: last the senses of robots that speak ROS 2, and their tests."""
 
 from __future__ import annotations
 

@@ -122,14 +122,13 @@ def _leader(name: str, row: Row) -> Answer:
     state = row["state"]
     if row["problem"] or not state:
         return {"robot": name, "channel": "", "free": False, "why": "does not answer"}
-    if len(state["actor"]["joints"]) != len(JOINTS):
-        return {"robot": name, "channel": "", "free": False, "why": "has no arms"}
-    # Robots of earlier releases do not tell their mission and channel.
-    mission, channel = state.get("mission", ""), state.get("channel", "")
+    # Robots of earlier releases do not tell their mission and channel. Without arms it takes part in none.
+    mission, has_arms = state.get("mission", ""), len(state["actor"]["joints"]) == len(JOINTS)
+    channel = state.get("channel", "") if has_arms else ""
     if state["condition"] != "IDLE":
         why = state["display"]["text"]
     elif mission:
         why = "is in a mission"
     else:
-        why = "" if channel else "has no event channel"
+        why = "" if channel else "has no event channel" if has_arms else "does not have SmartPal's arms"
     return {"robot": name, "channel": channel, "free": not why, "why": why}

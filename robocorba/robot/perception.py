@@ -151,10 +151,10 @@ class Perception:
             ends = np.concatenate([hits, _points(cells)])
             is_known = self._explains(floor, ends, np.append(within_m, np.full(len(cells), POSE_M)))
             hits, cells = hits[~is_known[: len(hits)]], cells[~is_known[len(hits) :]]
+        points, is_hit = _points(cells), np.isin(cells["key"], _keys(hits, CELL_M))
         for scan in scans:
-            is_passed = _passed(_points(cells), scan)
-            is_passed &= ~np.isin(cells["key"], _keys(hits, CELL_M))
-            is_inside = np.hypot(*(_points(cells) - scan.robot[:2]).T) < RADIUS_M
+            is_passed = _passed(points, scan) & ~is_hit
+            is_inside = np.hypot(*(points - scan.robot[:2]).T) < RADIUS_M
             cells["odds"] -= np.where(is_inside, SURE, PASSED * is_passed)
         cells = _with_hits(cells, hits, now)
         kept_s = BRIEF_S + (KEPT_S - BRIEF_S) * (cells["odds"] / SURE) ** 3

@@ -291,7 +291,8 @@ def test_who_can_lead_a_mission() -> None:
         *((row(condition=condition), "waiting for B") for condition in ("STOPPED", "RUNNING", "PAUSED")),
         (row(mission="M1"), "is in a mission"),
         (row(channel=""), "has no event channel"),
-        (row(actor={"joints": []}), "has no arms"),
+        (row(actor={"joints": []}), "does not have SmartPal's arms"),
+        (row(actor={"joints": []}, condition="STOPPED"), "waiting for B"),  # it may not have been read yet
         ({**row(), "state": {"condition": "IDLE", "actor": ARMS}}, "has no event channel"),  # of an earlier release
         *(({**row(), **silent}, "does not answer") for silent in ({"problem": "hangs"}, {"state": None})),
     ):

@@ -5,7 +5,7 @@ import { clockText } from "/static/past.js";
 const SIGNS = {
   collision: "\u2715 collision", stop: "\u25a0 stop", mission: "\u25c6 mission", program: "\u25b8 program", robot: "robot",
   server: "\u25b2 server", channel: "\u25b2 channel" };
-// So many are listed, the newest ones.
+// At most this many are listed, the newest ones.
 const MOST = 300;
 
 export default {
