@@ -16,6 +16,7 @@ from robocorba.system.claimed_ports import claimed_ports
 from robocorba.system.settings import Address
 from testkit.buildings import two_floors
 from testkit.processes import ROBOCORBA, Launcher, Running, forked_processes, real_system
+from testkit.ros2_environment import claimed_domain
 
 HERE = Path(__file__).resolve().parent
 ECHO_UP = (sys.executable, str(HERE / "echo_up.py"))
@@ -74,6 +75,13 @@ def echo_up(launch: Launcher, tmp_path: Path, naming_port: int) -> Callable[...,
 def robocorba_up(launch: Launcher, tmp_path: Path, naming_port: int) -> Callable[..., Running]:
     """Starts `robocorba up` with the real servers; more arguments may follow."""
     return lambda *arguments: real_system(launch, tmp_path / "state", naming_port, *arguments)
+
+
+@pytest.fixture
+def domain() -> Iterator[int]:
+    """A ROS domain that no other test has."""
+    with claimed_domain() as domain:
+        yield domain
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import contextlib
 import math
 import os
 import signal
-import threading
+import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -24,9 +24,9 @@ from robocorba.robot.kinematics.smartpal import RADIUS_M
 from robocorba.robot.programs import program
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.stubs import RoboCorba
-from robocorba.system.claimed_ports import claimed_ports
 from testkit.json_process import Process
 from testkit.processes import Launcher, Running, eventually
+from testkit.ros2_disc import Disc
 from testkit.ros2_environment import python_path, ros2_python
 from testkit.virtual_and_actual import robot_process
 
@@ -69,13 +69,6 @@ class Ros:
 
     def close(self) -> None:
         self._process.kill()
-
-
-@pytest.fixture
-def domain() -> Iterator[int]:
-    """A ROS domain whose ports nobody else has: there are 0 to 232, of 250 ports each from 7400 on."""
-    with claimed_ports() as port:
-        yield 100 + port % 100
 
 
 @pytest.fixture
@@ -162,46 +155,82 @@ def test_a_foreign_node_sees_two_robots_and_gives_orders(
         assert "Traceback" not in err
 
 
+def run(agent: RemoteAgent, builder: ProgramBuilder) -> ProgramReport:
+    """The report of a program."""
+    agent.load(program.dumps(builder.program()))
+    agent.run()
+    is_done = lambda: agent.state().program.result is not ProgramResult.NO_RESULT  # noqa: E731
+    eventually(is_done, PATIENCE_S, "the end of the program")
+    return agent.state().program
+
+
+@pytest.fixture
+def start_agent(system: Running, launch: Launcher, tmp_path: Path) -> Callable[..., Any]:
+    """Starts the agent C of a disc at L1:3,2, with options of `robocorba robot`."""
+
+    def start(disc: Disc, *options: str) -> Any:
+        process = launch(
+            *(PYTHON, "-m", "robocorba", "robot", "C", "--floor", "L1", "--at", "3,2,0", *options),
+            *("--adaptor", Disc.ADAPTOR[0], "--", *Disc.ADAPTOR[1:]),
+            **{**disc.environment, "ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "state")},
+        )
+        assert process.stdout and process.stdout.readline() == "ready\n", process.communicate(timeout=PATIENCE_S)[1]
+        return process
+
+    return start
+
+
+#: Nodes that end while callbacks run; it prints a line where one of their threads ended the process.
+MANY_NODES = """
+import sys, time
+from std_msgs.msg import String
+from robocorba.bridges.ros2 import node, ros_node
+node.end_process = print
+for _ in range(60):
+    each = ros_node(int(sys.argv[1]), "short_lived")
+    publisher = each.node.create_publisher(String, "text", 10)
+    each.node.create_subscription(String, "text", lambda message: None, 10)
+    each.node.create_timer(0.001, lambda: publisher.publish(String(data="x")))
+    each.start()
+    time.sleep(0.02)
+    each.close()
+"""
+
+
+def test_nodes_end_while_callbacks_run(domain: int, tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": python_path(), "ROS_LOG_DIR": str(tmp_path)}
+    command = (PYTHON, "-c", MANY_NODES, str(domain))
+    ran = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=PATIENCE_S)
+    assert (ran.returncode, ran.stdout) == (0, ""), ran.stderr
+
+
 def test_programs_drive_a_robot_that_speaks_ros_2(
-    system: Running, system_orb: Orb, domain: int, launch: Launcher, tmp_path: Path
+    start_agent: Callable[..., Any], system_orb: Orb, domain: int, launch: Launcher, tmp_path: Path
 ) -> None:
     """By its odometry, up to a wall that only its own laser sees; and it is stopped once it is silent."""
-    ros = {"PYTHONPATH": python_path(), "ROS_LOG_DIR": str(tmp_path), "ROS_DOMAIN_ID": str(domain)}
-    ros["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    robot = launch(PYTHON, "-m", "testkit.ros2_robot", "3.0", **ros)
-    assert robot.stdout
-    where = [(0.0, 0.0, 0.0)]
-
-    def follow() -> None:
-        for line in robot.stdout or ():
-            x, y, heading = map(float, line.split("\t"))
-            where.append((x, y, heading))
-
-    threading.Thread(target=follow, daemon=True).start()
-    process = launch(
-        *(PYTHON, "-m", "robocorba", "robot", "C", "--floor", "L1", "--at", "3,2,0", "--adaptor", "ros2"),
-        *("--", "--scan", "scan@0.1,0,0", "--namespace", "/"),
-        **{**ros, "ROBOCORBA_NAMING": str(system.naming), "ROBOCORBA_STATE": str(tmp_path / "state")},
-    )
-    assert process.stdout and process.stdout.readline() == "ready\n", process.communicate(timeout=PATIENCE_S)[1]
-    agent = RemoteAgent(system_orb, "C")
-
-    def run(builder: ProgramBuilder) -> ProgramReport:
-        agent.load(program.dumps(builder.program()))
-        agent.run()
-        is_done = lambda: agent.state().program.result is not ProgramResult.NO_RESULT  # noqa: E731
-        eventually(is_done, PATIENCE_S, "the end of the program")
-        return agent.state().program
-
-    assert run(ProgramBuilder("there and back").mbase_by(ahead=1.0).mbase_path("L1", 4.0, 3.0)).reason == ""
+    disc = Disc(launch, PYTHON, tmp_path, domain, "3.0")
+    process, agent, where = start_agent(disc), RemoteAgent(system_orb, "C"), disc.where
+    assert run(agent, ProgramBuilder("there and back").mbase_by(ahead=1.0).mbase_path("L1", 4.0, 3.0)).reason == ""
     eventually(lambda: where[-1][:2] == pytest.approx((1.0, 1.0), abs=0.02), PATIENCE_S, "where it says it is")
-    run(ProgramBuilder("turn").mbase_path("L1", 3.0, 2.0).mbase_to(3.0, 2.0, 0.0))
-    report = run(ProgramBuilder("too far").mbase_by(ahead=4.0))
+    run(agent, ProgramBuilder("turn").mbase_path("L1", 3.0, 2.0).mbase_to(3.0, 2.0, 0.0))
+    report = run(agent, ProgramBuilder("too far").mbase_by(ahead=4.0))
     assert report.result is ProgramResult.FAILED and "laser sees something" in report.reason
     assert 0.05 <= 3.0 - RADIUS_M - max(x for x, _, _ in where) < 0.3
-    robot.send_signal(signal.SIGSTOP)
+    disc.process.send_signal(signal.SIGSTOP)
     eventually(lambda: agent.state().condition is AgentCondition.STOPPED, PATIENCE_S, "it is lost")
     assert "its odometry has been silent" in agent.state().reason
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(PATIENCE_S) == 0
+
+
+def test_a_robot_that_speaks_ros_2_drives_around_what_its_laser_sees(
+    start_agent: Callable[..., Any], system_orb: Orb, domain: int, launch: Launcher, tmp_path: Path
+) -> None:
+    disc = Disc(launch, PYTHON, tmp_path, domain, "3.0", "0.25")
+    process, agent = start_agent(disc, "--perceive", "sensors"), RemoteAgent(system_orb, "C")
+    assert run(agent, ProgramBuilder("there").mbase_path("L1", 8.5, 2.0)).reason == ""
+    eventually(lambda: disc.where[-1][:2] == pytest.approx((5.5, 0.0), abs=0.02), PATIENCE_S, "where it says it is")
+    assert min(math.dist(at[:2], (3.0, 0.0)) for at in disc.where) > 0.25 + RADIUS_M
     process.send_signal(signal.SIGTERM)
     assert process.wait(PATIENCE_S) == 0
 

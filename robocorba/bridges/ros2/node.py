@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import threading
 from functools import cache
 from importlib import import_module
 from typing import Any
@@ -39,7 +40,8 @@ class RosNode:
         # Threads for orders and services, which may wait for robots for seconds.
         self._executor = MultiThreadedExecutor(16, context=self.context)
         self._executor.add_node(self.node)
-        self._thread = Background("ROS 2", self._executor.spin, end_process)
+        self._is_closed = threading.Event()
+        self._thread = Background("ROS 2", self._spin, end_process)
 
     @property
     def domain(self) -> int:
@@ -52,11 +54,18 @@ class RosNode:
 
     def close(self) -> None:
         """Leave the network."""
-        self._executor.shutdown(END_TIMEOUT_S)
+        self._is_closed.set()
         if self._thread.ident is not None:
+            self._executor.create_task(lambda: None)  # wakes it
             self._thread.join(END_TIMEOUT_S)
         self.node.destroy_node()
         rclpy.shutdown(context=self.context)
+
+    def _spin(self) -> None:
+        """Until `close`. `shutdown` of an executor is left out: a callback that ends after it raises, and a spin that
+        it overtakes (ros2/rclpy#968)."""
+        while not self._is_closed.is_set():
+            self._executor.spin_once()
 
     def warn(self, text: str) -> None:
         self.node.get_logger().warning(text)
