@@ -41,6 +41,7 @@ from robocorba.errors.services import NotReachable
 from robocorba.errors.simulation import UnknownRobot
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, FloorUpdate, FloorView
+from robocorba.missions.cooperative_planner import MakePlanner
 from robocorba.missions.world import StandingRobot
 from robocorba.robot.agent_state import AgentCondition, AgentState, IconBegun, ProgramReport, ProgramResult, RunReport
 from robocorba.robot.corba.remote_agent import RemoteAgent
@@ -50,6 +51,7 @@ from robocorba.robot.kinematics.smartpal import Side
 from robocorba.robot.kinematics.tasks import POSTURES
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.robot.programs import program as programs
+from robocorba.robot.programs.icons import Icon
 from robocorba.robot.programs.report import CheckReport
 from robocorba.simulation.registry import Pose
 from robocorba.system.decoding import Work
@@ -310,7 +312,13 @@ def test_who_would_carry_what_is_known_before_a_mission_and_its_program_begin() 
     rows = {name: row(at={"floor": "L1", "x": x, "y": y}) for name, (x, y) in at.items()}
     state, standing = {"naming": "", "robots": rows}, [StandingRobot("D", "L1", 3.0, 3.5, 0.3)]
     worlds = (MapWorld(two_storeys(), kg, standing) for kg in (40.0, 2.0))
-    heavy, missions = (MissionOperations(NOBODY, lambda: state, planner_of, world) for world in worlds)
+    places = []
+
+    def make(icon: Icon) -> MakePlanner:
+        places.append(missions.object_place("box"))  # others may ask for it meanwhile
+        return planner_of(icon)
+
+    heavy, missions = (MissionOperations(NOBODY, lambda: state, make, world) for world in worlds)
     carry = {"icon": "move_table", "table": "box", "to": {"floor": "L1", "x": 3.0, "y": 3.5, "heading": 0.0}}
     assert missions.mission_party("R2", carry) == {"robots": ["R2", "R1"], "aside": ["D"]}
     for change, reason in (
@@ -323,7 +331,7 @@ def test_who_would_carry_what_is_known_before_a_mission_and_its_program_begin() 
     assert missions.mission_party("R2", carry) == {"reason": "R2 is not free"}
     assert missions.mission_party("R1", carry, with_busy=True)["robots"] == ["R1", "R2"]
     assert heavy.mission_party("R1", carry) == {"reason": "10 robots would be needed; at most 6 carry together"}
-    assert missions.object_place("box") == {"floor": "L1", "x": 5.4, "y": 3.5}
+    assert places[0] == {"floor": "L1", "x": 5.4, "y": 3.5}
 
 
 LIMIT_S = 60.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -26,11 +27,12 @@ RESOLVE_TIMEOUT_S = 5.0
 
 
 class RemoteWorld:
-    """Queries the servers on every call. All methods raise NotReachable."""
+    """Queries the servers on every call. Thread-safe. All methods raise NotReachable."""
 
     def __init__(self, orb: Orb) -> None:
         self._orb = orb
         self._database, self._planner = RemoteDatabase(orb, RESOLVE_TIMEOUT_S), RemotePlanner(orb)
+        self._lock = threading.Lock()
         self._map: RemoteMap | None = None
 
     def building(self) -> Building:
@@ -38,11 +40,12 @@ class RemoteWorld:
         return self._current_map().building
 
     def _current_map(self) -> RemoteMap:
-        if self._map is None:
-            self._map = RemoteMap(self._orb, RESOLVE_TIMEOUT_S)
-        else:
-            self._map.follow()
-        return self._map
+        with self._lock:
+            if self._map is None:
+                self._map = RemoteMap(self._orb, RESOLVE_TIMEOUT_S)
+            else:
+                self._map.follow()
+            return self._map
 
     def movable(self, name: str) -> MovableObject:
         """A movable object by its name. Raises MissionFailed if it does not exist."""
