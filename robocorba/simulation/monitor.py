@@ -47,7 +47,6 @@ class Monitor:
         # Scans of the last second of simulated time.
         scans = [scan for scan in database.last_scans(floor) if scan.time >= view.time - 1.0]
         robots = sum(body.kind is BodyKind.ROBOT for body in view.bodies.values())
-        rate = self._agent.state.event_rate
         count = f"{robots} robot{'s' * (robots != 1)}"
-        caption = f"{self._building.name} · {floor} · {view.time:.1f} s · {count} · {rate:.1f} events/s"
+        caption = f"{self._building.name} · {floor} · {view.time:.1f} s · {count}"
         return self._painter.png(view, scans, width_px, caption)
