@@ -117,6 +117,7 @@ class Console:
         ui.run_with(
             app,
             title="RoboCorba",
+            language="en-US",
             dark=None,
             favicon=STATIC / "favicon.svg",
             reconnect_timeout=10.0,
