@@ -44,7 +44,7 @@ export default {
             <span v-for="[kind, words] in legend" :key="kind" :class="'is-' + kind">
               <b>{{ signs[kind] }}</b> {{ words }}</span>
           </div>
-          <div class="time-gaps" aria-hidden="true"><i v-for="gap in gaps" :key="gap.left" :style="gap" /></div>
+          <div class="time-gaps" aria-hidden="true"><i v-for="gap in gaps" :key="gap.begin" :style="gap" /></div>
           <input type="range" :min="from" :max="to" step="1" :value="at" aria-label="Time" :aria-valuetext="text"
                  @input="seek(Number($event.target.value))">
         </div>
@@ -96,16 +96,13 @@ export default {
     },
     // Times without a console, as parts of the line, and the one that is shown, in words.
     gaps() {
-      const share = (at) => (100 * Math.max(at - this.from, 0)) / (this.to - this.from);
-      return this.known.filter(([, end]) => end > this.from).map(([begin, end]) => (
-        { left: `${share(begin)}%`, width: `${share(end) - share(begin)}%` }));
+      const share = (at) => `${(100 * Math.max(at, 0)) / (this.to - this.from)}%`;
+      const shown = this.recording ? [] : this.times.filter(([, end]) => end > this.from);
+      return shown.map(([begin, end]) => ({ begin, end, left: share(begin - this.from), width: share(end - begin) }));
     },
     away() {
-      const gap = this.isLive ? null : this.known.find(([begin, end]) => this.at >= begin && this.at < end);
-      return gap ? `from ${this.clock(gap[0])} to ${this.clock(gap[1])}` : "";
-    },
-    known() {
-      return this.recording ? [] : this.times;
+      const gap = this.isLive ? null : this.gaps.find(({ begin, end }) => this.at >= begin && this.at < end);
+      return gap ? `from ${this.clock(gap.begin)} to ${this.clock(gap.end)}` : "";
     },
     marks() {
       if (this.recording || this.to <= this.from) return [];
