@@ -1,19 +1,24 @@
-"""Take the pictures of the console in docs/pictures from a running system of its own (`make pictures`).
+"""Take the pictures of the console in docs/pictures from a running system of its own, and the film of the demo's carry
+(`make pictures`).
 
     python -m docs.make_pictures [FOLDER] [--browser PROGRAM]
 
 It starts the building five-floors with three robots and the console on free ports, and takes each page, 1366 x 768,
-by Playwright. Exit code 1 with a reason where there is no browser."""
+by Playwright. Then it runs the demo, and makes a short animated WebP of its film. Exit code 1 with a reason where there
+is no browser, or the demo fails."""
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
+
+import av
 
 from robocorba.clients.robot_processes import START_TIMEOUT_S, servers
 from robocorba.errors.base import RoboCorbaError
@@ -30,6 +35,8 @@ from testkit.processes import eventually
 SIZE = {"width": 1366, "height": 768}
 #: Time for a page to show live data [ms].
 SETTLED_MS = 5000
+#: Length of the animated film of the demo [s], and its pictures per second.
+FILM_S, FILM_FPS = 13, 10
 ROBOTS = (
     RobotOrder("A", channel="lab", floor="L1", at=(30.0, 9.2, 0.0)),
     RobotOrder("B", channel="lab", floor="L1", at=(36.0, 9.5, 0.0)),
@@ -89,7 +96,10 @@ def main() -> None:
     try:
         with running_console() as address:
             take(address, given.folder, given.browser)
-    except RoboCorbaError as error:
+        with tempfile.TemporaryDirectory(prefix="robocorba-demo-") as demo:
+            subprocess.run([sys.executable, "-m", "robocorba.clients.demo", demo], check=True)
+            shorten(Path(demo) / "mission.mp4", given.folder / "carry.webp")
+    except (RoboCorbaError, subprocess.CalledProcessError) as error:
         sys.exit(f"make pictures: {error}")
 
 
@@ -139,6 +149,16 @@ def take(address: str, folder: Path, browser: str) -> None:
                 file = folder / f"console-{name}-{scheme}.png"
                 page.screenshot(path=file)
                 print(file)
+
+
+def shorten(film: Path, file: Path) -> None:
+    """Write a film as an animated WebP of FILM_S in time lapse."""
+    with av.open(str(film)) as video:
+        pictures = [frame.to_image() for frame in video.decode(video=0)]
+    count = FILM_S * FILM_FPS
+    first, *others = [pictures[index * (len(pictures) - 1) // (count - 1)] for index in range(count)]
+    first.save(file, save_all=True, append_images=others, duration=1000 // FILM_FPS, loop=0, quality=60, method=6)
+    print(file)
 
 
 if __name__ == "__main__":

@@ -42,7 +42,7 @@ OF_EXTRA = {
     "recordings": (
         *(f"robocorba.console.{name}" for name in ("contacts", "happenings", "live_floors")),
         *("robocorba.simulation.recording", "robocorba.console.history", "robocorba.console.recordings"),
-        *(f"robocorba.console.{name}" for name in ("monitor_operations", "monitor_state")),
+        *(f"robocorba.console.{name}" for name in ("monitor_operations", "monitor_state", "past_files")),
     ),
     "maps": (
         "robocorba.map_editor.topology",

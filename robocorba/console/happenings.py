@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from robocorba.console.contacts import Contact
+from robocorba.console.history import KEPT_S
 
-#: Happenings are forgotten after this time [s].
-KEPT_S = 1800.0
 #: Maximum length of a text [characters]; names may be long.
 MAX_TEXT = 300
 #: Contacts that are named in the text of a collision.
@@ -41,9 +40,20 @@ class Happenings:
         self._kept: deque[Happening] = deque(maxlen=2000)
         self._count = 0
         self._before: Rows | None = None
+        #: Whether `note` waits for `restore`.
+        self.is_held = False
+
+    def restore(self, earlier: Sequence[Happening]) -> None:
+        """Begin with what was noted before this process; numbers go on."""
+        with self._lock:
+            self._kept.extend(earlier)
+            self._count = max((happening.number for happening in earlier), default=0)
+            self.is_held = False
 
     def note(self, rows: Rows, at_s: float) -> None:
         """Compare rows, as of SystemState, with those of the last call. at_s: by a clock that passes steadily [s]."""
+        if self.is_held:
+            return
         found = list(_differences(self._before, rows)) if self._before is not None else []
         if self._before is not None or not rows["naming"]:  # what was there before the console is no news
             self._before = rows

@@ -55,6 +55,8 @@ class History:
         self._kept_s, self._max_bytes, self.epoch = kept_s, max_bytes, epoch
         self._lock = threading.Lock()
         self._moments: dict[str, list[Moment]] = {}
+        #: Begin and end of times of which nothing is known, by the clock of `add` [s].
+        self._gaps: list[tuple[float, float]] = []
         self._bytes = 0
 
     @classmethod
@@ -95,6 +97,39 @@ class History:
             self._bytes += _memory(moment, last)
             self._forget(at_s)
 
+    def interrupt(self, begin_s: float, end_s: float) -> None:
+        """Nothing is known between two times by the clock of `add` [s]: floors are empty then."""
+        with self._lock:
+            self._gaps.append((begin_s, end_s))
+            for moments in filter(None, self._moments.values()):
+                empty = Moment(begin_s, moments[-1].time, moments[-1].map_version, (), {}, moments[-1].rows[:0])
+                moments.append(empty)
+                self._bytes += _memory(empty, None)
+
+    def precede(self, older: History) -> None:
+        """Put all that another one has, whose clock is the same, before this one."""
+        with self._lock:
+            self._gaps = older._gaps + self._gaps
+            for floor, moments in older._moments.items():
+                self._moments[floor] = moments + self._moments.get(floor, [])
+            self._bytes += older._bytes
+            self._forget(max(moments[-1].at for moments in self._moments.values() if moments))
+
+    def gaps(self) -> list[tuple[float, float]]:
+        """POSIX times between which nothing is known [s]."""
+        epoch = self.epoch()
+        return [(begin_s + epoch, end_s + epoch) for begin_s, end_s in self._gaps]
+
+    def after(self, at_s: float) -> list[tuple[str, Moment]]:
+        """Moments after a time by the clock of `add` [s], each with its floor, in their order."""
+        with self._lock:
+            found = [
+                (floor, moment)
+                for floor, moments in self._moments.items()
+                for moment in moments[bisect.bisect_right(moments, at_s, key=lambda moment: moment.at) :]
+            ]
+        return sorted(found, key=lambda each: each[1].at)
+
     def span(self) -> tuple[float, float]:
         """POSIX times of the first and the last moment [s]; (0, 0) if there is none."""
         with self._lock:
@@ -131,6 +166,7 @@ class History:
         return update_frame(self.at(floor, at_s).update(floor))
 
     def _forget(self, now_s: float) -> None:
+        self._gaps = [gap for gap in self._gaps if gap[1] > now_s - self._kept_s]
         for moments in self._moments.values():
             old = bisect.bisect_left(moments, now_s - self._kept_s, key=lambda moment: moment.at)
             self._drop(moments, old)

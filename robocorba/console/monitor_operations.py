@@ -10,6 +10,7 @@ from robocorba.console.arguments import NotPossible
 from robocorba.console.films import Films
 from robocorba.console.history import History
 from robocorba.console.monitor_state import MonitorState
+from robocorba.console.past_files import PastFiles
 from robocorba.console.recordings import Recordings
 from robocorba.map_editor.model import Building
 
@@ -26,9 +27,10 @@ class MonitorOperations:
         building: Callable[[], Building],
         recordings: Recordings,
         films: Films,
+        past: PastFiles | None = None,
     ) -> None:
         self._state, self._history, self._building = state, history, building
-        self._recordings, self._films = recordings, films
+        self._recordings, self._films, self._past = recordings, films, past
 
     def forget_robot(self, robot: str) -> None:
         """Take a robot that has left from the table."""
@@ -39,6 +41,10 @@ class MonitorOperations:
         `kind`, `robot`, `floor` and `text`."""
         epoch = self._history.epoch()
         return [{**each._asdict(), "at": each.at + epoch} for each in self._state.happenings.after(after)]
+
+    def past_on_disk(self) -> dict[str, Any]:
+        """`mib`: size of the past on disk [MiB]; `problem`: why it is kept in memory only, empty if it is not."""
+        return {"mib": self._past.size / 2**20, "problem": self._past.problem} if self._past else {}
 
     def recordings(self) -> list[dict[str, Any]]:
         """Open recordings: `key`, `name`, `floors` and `past`, POSIX times of their first and last moment [s]."""

@@ -57,7 +57,8 @@ class MonitorState:
         """As SystemState.rows, with more members.
 
         `gone`: the last `client` record of each robot that has logged off, with its `age` [s]. `past`: POSIX times
-        between which one can look back [s]. `happenings`: number of the last one."""
+        between which one can look back [s]; `gaps`: those between which no console was there. `happenings`: number of
+        the last one."""
         rows = self._state.rows()
         now_s, monotonic_s = time.time(), time.monotonic()
         present = {client["name"] for client in (rows["server"]["state"] or {"clients": ()})["clients"]}
@@ -69,7 +70,7 @@ class MonitorState:
             }
         began_s, _ = self._history.span()
         past = [max(began_s, now_s - KEPT_S), now_s] if began_s else [now_s, now_s]
-        return {**rows, "gone": gone, "past": past, "happenings": self.happenings.last}
+        return {**rows, "gone": gone, "past": past, "gaps": self._history.gaps(), "happenings": self.happenings.last}
 
     def _contacts(self, monotonic_s: float) -> list[Contact]:
         """Who has begun to touch whom just before this time: a collision is counted at most 1.5 s after the bodies have

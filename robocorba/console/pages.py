@@ -74,7 +74,7 @@ def _add(page: Page) -> None:
         _add_head(page.title, *page.styles)
         with ui.element("div").classes("console-page"):
             PageHeader(page.title)
-            with ui.element("main").classes("console-content"):
+            with ui.element("div").classes("console-content"):
                 Content()
 
 

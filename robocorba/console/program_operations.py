@@ -118,6 +118,11 @@ class ProgramOperations:
         """End a robot's program; the robot slows down and stops."""
         self._agent(robot).abort()
 
+    def jog(self, robot: str, ahead: float, left: float, turn: float) -> None:
+        """Drive ahead and to the left [m/s] and turn [rad/s] for 0.5 s or until the next call. Raises IllegalOrder if
+        another program runs."""
+        self._agent(robot).drive((ahead, left, turn), 0.5)
+
     def answer_question(self, robot: str, number: int, yes: bool) -> None:
         """Answer what a robot's program asks. Raises IllegalOrder if it does not ask this question at present."""
         if not 0 <= number < 2**32:

@@ -35,6 +35,7 @@ from robocorba.console.monitor_state import MonitorState
 from robocorba.console.operations import RESOLVE_TIMEOUT_S, Operations
 from robocorba.console.pages import STATIC, add_pages
 from robocorba.console.panel_operations import PanelOperations
+from robocorba.console.past_files import PastFiles
 from robocorba.console.program_operations import ProgramOperations
 from robocorba.console.recordings import OPENING_LIMIT_S, Recordings
 from robocorba.console.robot_views import RobotViews
@@ -68,6 +69,9 @@ class Console:
         self._settings = settings
         self.history = History(epoch=ArrivalClock().epoch)
         self.state = MonitorState(SystemState(orb), self.history, lambda: self.plans.building)
+        self.past = PastFiles(
+            settings.common.state / "past", self.history, self.state.happenings, lambda: self.plans.building
+        )
         self.recordings, self.films = Recordings(), Films()
         if settings.recording is not None:
             self.recordings.open(settings.recording, settings.recording.name)
@@ -87,7 +91,9 @@ class Console:
         self.operations = Operations(orb, settings.common.state)
         programs = ProgramOperations(orb, folder=settings.programs)
         for part in (
-            MonitorOperations(self.state, self.history, lambda: self.plans.building, self.recordings, self.films),
+            MonitorOperations(
+                self.state, self.history, lambda: self.plans.building, self.recordings, self.films, self.past
+            ),
             SystemOperations(orb, settings.administrator, settings.supervisor),
             programs,
             PanelOperations(self.operations, programs, self.state.rows),
@@ -117,6 +123,7 @@ class Console:
         ui.run_with(
             app,
             title="RoboCorba",
+            language="en-US",
             dark=None,
             favicon=STATIC / "favicon.svg",
             reconnect_timeout=10.0,
@@ -127,7 +134,7 @@ class Console:
     @contextlib.asynccontextmanager
     async def _running(self, app: FastAPI) -> AsyncIterator[None]:
         self.viewers.attach(self.floors, self.plans, self.sensors, self.missions)
-        started = (self.state, self.plans, self.floors, self.sensors, self.missions)
+        started = (self.state, self.plans, self.floors, self.sensors, self.missions, self.past)
         for part in started:
             part.start()
         try:

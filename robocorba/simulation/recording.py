@@ -1,9 +1,9 @@
 """Recordings of the simulated building: compact MCAP files with the map, floor updates, postures, scans and missions.
 
 A file has an attachment with the map (a native map file, gzipped), one topic for each floor with messages as in SCHEMA,
-the topics `postures`, `scans` and `missions`, see `recorded_entries`, and chunks compressed with zstd. `log_time` is
-the time of recording, `publish_time` the simulated time, both in ns. A chunk is written every second; written chunks
-are readable during recording and after the recorder was killed.
+the topics `postures`, `scans` and `missions`, see `recorded_entries`, `happenings` of a console, and chunks compressed
+with zstd. `log_time` is the time of recording, `publish_time` the simulated time, both in ns. A chunk is written every
+second; written chunks are readable during recording and after the recorder was killed.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ MAP_ATTACHMENT = "building.yaml.gz"
 #: A topic is this and the floor's name.
 TOPIC_PREFIX = "floor/"
 #: The other topics.
-POSTURES, SCANS, MISSIONS = "postures", "scans", "missions"
+POSTURES, SCANS, MISSIONS, HAPPENINGS = "postures", "scans", "missions", "happenings"
 #: Interval between chunks [s]: a killed recorder loses no more than this.
 CHUNK_S = 1.0
 #: Nanoseconds per second.
@@ -197,6 +197,10 @@ class Recorder:
         InvalidRecording."""
         self._add(MISSIONS, "", b"", dump_mission(name, content), at_s, time_s)
 
+    def write_happening(self, json: bytes, at_s: float) -> None:
+        """Add what a console has noted at POSIX time `at_s` [s]. Raises InvalidRecording."""
+        self._add(HAPPENINGS, "", b"", json, at_s, 0.0)
+
     def _add(
         self, topic: str, schema: str, text: bytes, data: bytes, at_s: float, time_s: float, number: int = 0
     ) -> None:
@@ -243,10 +247,11 @@ def _translating_write_errors(path: Path) -> Iterator[None]:
 class Recording:
     """A recording as far as it was written when this object was created.
 
-    check: called often during reading; what it raises ends that. Raises InvalidRecording."""
+    check: called often during reading; what it raises ends that. cut: take what is before damage, if there is any.
+    Raises InvalidRecording."""
 
-    def __init__(self, path: Path, check: Callable[[], None] = lambda: None) -> None:
-        self.path, self._check = path, check
+    def __init__(self, path: Path, check: Callable[[], None] = lambda: None, cut: bool = False) -> None:
+        self.path, self._check, self._ignored = path, check, _DAMAGE if cut else ()
         #: Names of the recorded floors.
         self.floors: list[str] = []
         #: Number of updates.
@@ -297,7 +302,7 @@ class Recording:
                         changes.postures.append(load_posture(message.data))
                     elif message.topic == SCANS:
                         changes.scans.append(load_scan(message.data))
-                    else:
+                    elif message.topic == MISSIONS:
                         changes.missions.append(load_mission(message.data))
                 yield changes
 
@@ -362,7 +367,18 @@ class Recording:
         if abs(self.duration_s) > MAX_DURATION_S:
             raise LimitExceeded("its duration", f"{abs(self.duration_s):.0f}", f"{MAX_DURATION_S:.0f}", "s")
 
+    def happenings(self) -> Iterator[tuple[float, bytes]]:
+        """What a console has noted, each with its POSIX time [s] as JSON. Raises InvalidRecording."""
+        with self._translating_read_errors():
+            for record in self._records():
+                if isinstance(record, _RecordedMessage) and record.topic == HAPPENINGS:
+                    yield record.log_time / NS_PER_S, record.data
+
     def _records(self) -> Iterator[Attachment | _RecordedMessage]:
+        with contextlib.suppress(*self._ignored):
+            yield from self._all_records()
+
+    def _all_records(self) -> Iterator[Attachment | _RecordedMessage]:
         topics: dict[int, str] = {}
         for opcode, stream in self._pieces():
             if opcode == Opcode.HEADER and Header.read(stream).profile != PROFILE:
@@ -379,7 +395,7 @@ class Recording:
                         if len(topic) > 200:  # names of floors have 80
                             raise LimitExceeded("a topic", "more than 200", 200, "characters")
                         floor = topic.removeprefix(TOPIC_PREFIX) if topic.startswith(TOPIC_PREFIX) else ""
-                        if floor or topic in (POSTURES, SCANS, MISSIONS):
+                        if floor or topic in (POSTURES, SCANS, MISSIONS, HAPPENINGS):
                             yield _RecordedMessage(topic, floor, record.log_time, record.data)
 
     def _pieces(self) -> Iterator[tuple[int, ReadDataStream]]:

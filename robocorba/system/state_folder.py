@@ -6,6 +6,7 @@ links.json     the peers with which each event channel was linked
 up.json        the processes that run, replaced atomically at every change
 supervisor.ior the reference of the supervisor, for this user only
 logs/          a file for each process
+past/          recordings of what the console saw last
 omninames/     the bindings of the naming service
 
 The folder and all files are for this user only. What is damaged of them is set aside, and written again.

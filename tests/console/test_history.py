@@ -6,7 +6,10 @@ import copy
 import itertools
 import json
 import math
+import os
+import resource
 import struct
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,9 +26,10 @@ from robocorba.console.defects import DEFECT
 from robocorba.console.films import Films, record
 from robocorba.console.floor_plan import floor_plan
 from robocorba.console.frames import ROW, Rows, update_frame, whole_update
-from robocorba.console.happenings import KEPT_S, MAX_CONTACTS, MAX_TEXT, Happenings
-from robocorba.console.history import INTERVAL_S, MOMENT_BYTES, History, Moment
+from robocorba.console.happenings import MAX_CONTACTS, MAX_TEXT, Happenings
+from robocorba.console.history import INTERVAL_S, KEPT_S, MOMENT_BYTES, History, Moment
 from robocorba.console.monitor_state import MonitorState
+from robocorba.console.past_files import PastFiles
 from robocorba.console.recordings import Recordings
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import InvalidRecording
@@ -137,6 +141,83 @@ def test_memory_is_bounded_also_of_floors_without_bodies(row_bytes: int) -> None
     first, last = history.span()
     assert last == 999.0
     assert 0.0 < last - first <= 100
+
+
+# ---- the past on disk ----
+
+
+def kept(
+    folder: Path, *moments: tuple[float, float], epoch: float = 1.7e9, max_bytes: int = 2**20
+) -> tuple[PastFiles, History, Happenings]:
+    """What a console that has seen these moments keeps in a folder."""
+    history, happenings = history_of(*moments, epoch=lambda: epoch), Happenings()
+    files = PastFiles(folder, history, happenings, two_floors, max_bytes)
+    files.keep()
+    return files, history, happenings
+
+
+def test_a_killed_console_finds_its_past_again_with_a_gap(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    now_s = time.monotonic() - 60.0
+    first, history, happenings = kept(tmp_path, *((now_s + at, at) for at in range(6)))
+    for rows in (ROWS, of_server(collisions=1)):
+        happenings.note(rows, now_s + 4.0)
+    history.add(view((1, 6.0)), now_s + 6.0)
+    first.keep()
+    second, alone, _ = kept(tmp_path, (now_s + 7.0, 7.0))
+    second.keep()
+    assert "in use by another process" in second.problem and caplog.text.count("in memory only") == 1
+    assert x_at(alone, 1.7e9 + now_s + 9.0) == 7.0
+
+    assert first._lock
+    os.close(first._lock)  # as the kernel does after a kill
+    [file] = tmp_path.glob("*.mcap")
+    file.write_bytes(file.read_bytes() + b"\x06\x20\0\0\0\0\0\0\0 damaged")
+    third, history, happenings = kept(tmp_path, (now_s + 20.0, 20.0), epoch=1.8e9)  # the clock was set
+    assert not history.gaps()
+    third.close()
+    third, history, happenings = kept(tmp_path, (now_s + 30.0, 30.0))
+    epoch = history.epoch()
+    assert np.allclose(history.gaps(), [(epoch + now_s + 6.0, epoch + now_s + 30.0)], rtol=0.0, atol=0.01)
+    assert [x_at(history, epoch + now_s + at) for at in (0.5, 5.5, 31.0)] == [0.0, 5.0, 30.0]
+    assert len(history.at("L1", epoch + now_s + 15.0).rows) == 0
+    assert [(each.number, each.text) for each in happenings.after(0)] == [(1, "a collision")]
+    third.close()
+
+
+def test_the_past_on_disk_is_bounded_and_goes_on_from_file_to_file(tmp_path: Path) -> None:
+    now_s = time.monotonic() - 1000.0
+    files, history, _ = kept(tmp_path, (now_s, 0.0), max_bytes=20_000)
+    for at in range(1, 100):
+        history.add(view((1, at)), now_s + at)
+        files.keep()
+        assert files.size == sum(file.stat().st_size for file in tmp_path.glob("*.mcap")) <= 20_000
+    files.close()
+    assert len(list(tmp_path.glob("*.mcap"))) > 2
+    files, history, _ = kept(tmp_path)
+    found = places(history.between("L1", 0.0, 1.7e9 + now_s + 98.5))
+    expected = [(1.7e9 + now_s + at, at) for at in range(99 - len(found), 99)]
+    assert np.allclose(found, expected, rtol=0.0, atol=0.01)
+    assert 10 < len(found) < 90 and len(history.gaps()) == 1
+    files.close()
+
+
+def test_a_full_disk_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_s, limits = time.monotonic() - 60.0, resource.getrlimit(resource.RLIMIT_FSIZE)
+    files, history, _ = kept(tmp_path, (now_s, 0.0))
+    history.add(view((1, 1.0)), now_s + 1.0)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (10, limits[1]))
+        files.keep()
+        assert "too large" in files.problem
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    monkeypatch.setattr(files, "_retry_s", 0.0)
+    files.keep()
+    assert not files.problem
+    files.close()
+    file = tmp_path / "file"
+    file.touch()
+    assert "exists" in kept(file)[0].problem
 
 
 FLOOR = "L1"

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import stat
+import time
 import urllib.request
 from pathlib import Path
 from typing import Any
@@ -39,6 +40,12 @@ def call(system: Running, operation: str, /, **arguments: Any) -> Any:
     with urllib.request.urlopen(request, timeout=60.0) as answer:
         content = json.load(answer)
     return content["error"] if "error" in content else content["answer"]
+
+
+def past(system: Running, at: float) -> bytes:
+    """The frame of the lowest floor at a POSIX time [s]."""
+    with urllib.request.urlopen(f"{system.record().console_address}past?floor=L1&at={at}", timeout=60.0) as answer:
+        return bytes(answer.read())
 
 
 def state_of(supervisor: RemoteSupervisor, name: str) -> ProcessState | None:
@@ -131,12 +138,19 @@ def check_robots(system: Running, supervisor: RemoteSupervisor) -> None:
 
 
 def check_kill(system: Running, supervisor: RemoteSupervisor) -> None:
-    """A killed console comes back at its address."""
+    """A killed console comes back at its address, and still has its past, with a gap."""
     before = wait_for(supervisor, "console", ProcessPhase.READY)
+    [seen] = [each for each in call(system, "happenings") if each["text"] == "R2 has logged on"]
     os.kill(before.pid, signal.SIGKILL)
+    killed_at = time.time()
     eventually(lambda: (now := state_of(supervisor, "console")) and now.restarts == before.restarts + 1)
     wait_for(supervisor, "console", ProcessPhase.READY)
     assert call(system, "rights")["administrator"]
+    eventually(lambda: {**seen, "at": 0.0} in [{**each, "at": 0.0} for each in call(system, "happenings")])
+    assert b'"name":"R2"' in past(system, seen["at"] + 1.0)
+    assert any(b'"came":[]' in past(system, killed_at + 0.1 * step) for step in range(-20, 20))
+    eventually(lambda: b'"came":[{' in past(system, time.time()), what="what is seen now")
+    eventually(lambda: call(system, "past_on_disk")["mib"] > 0.0, what="the past on disk")
 
 
 def check_end(system: Running, supervisor: RemoteSupervisor) -> None:

@@ -53,11 +53,29 @@ SEE_STATUS = """() => {
   observer.observe(status, { childList: true, characterData: true, subtree: true });
 }"""
 
+#: Whether places are apart from each other and from what stands at 0.2, 0; and who gets how many places of two robots,
+#: and why not, where some are refused.
+APART = """(a, i, all) => Math.hypot(a.x - 0.2, a.y) > 1
+    && all.every((b, j) => i === j || Math.hypot(a.x - b.x, a.y - b.y) > 1.09)"""
+TOGETHER = """drivesTogether([9, 1].map((x) => ({ name: x > 5 ? "A" : "B", at: { floor: "L1", x, y: 0 } })),
+    { floor: "L1", x: 0, y: 0 }, [], async (robot, [goal]) => { if (%s) throw new Error("wall"); return []; })
+    .then((drives) => drives.map(({ robot, goals, problem }) => [robot.name, goals.length, problem]))"""
+
 #: What pure functions of the pages answer: module, call, answer.
 PURE = (
     ("target_ghost", "partAt([2, 0], [[-1, -1], [1, -1], [1, 1], [-1, 1]], { x: 0, y: 0, heading: 0 }, 24)", "tip"),
     ("texts", "durationText(3 * 3600 + 61)", "3 h 1 min"),
     ("texts", "whenText(0, new Date(3e9)).length > m.whenText(0, new Date(0)).length", True),
+    ("jog_pad", "jogVelocity([0, 1, 0], Math.PI / 2, 0.2).ahead", 0.2),
+    ("jog_pad", "jogVelocity([3, 4, 0], Math.PI, 0.5).left.toFixed(6)", "-0.400000"),
+    ("drive_together", "placesAround({ x: 1, y: 2 }, [0.4, 0.3], []).length", 37),
+    (
+        "drive_together",
+        f"placesAround({{ x: 0, y: 0 }}, [0.4, 0.3], [{{ x: 0.2, y: 0, radius: 0.3 }}]).every({APART})",
+        True,
+    ),
+    ("drive_together", TOGETHER % "goal.x < 0.5", [["B", 1, ""], ["A", 1, ""]]),
+    ("drive_together", TOGETHER % "true", [["B", 0, "wall"], ["A", 0, "wall"]]),
     ("happening_feed", "titled({ text: 'A runs mission (1.2' }, [{ name: '(1', kind: 'x', begun: 0 }]).mission", "(1"),
 )
 
@@ -289,6 +307,46 @@ class Operator:
         expect(note).to_contain_text("is not free")
         self.press("Escape")
         expect(note).to_have_count(0)
+
+    def drive_together(self) -> None:
+        """Several selected robots get places side by side, and stop together."""
+        note, names = self.page.locator(".drive-note"), ("R1", "R2")
+        self.robot_row("R1").click()
+        self.robot_row("R2").click(modifiers=["Shift"])
+        self.press("d")
+        self.click_map(self.page.get_by_label(re.compile("Floor L1")), (2.5, 5.5))
+        expect(note).to_contain_text(re.compile(r"R2: \d\.\d m, about \d+ s; R1: \d\.\d m"))
+        self.button("Drive", note).click()
+        for name in names:
+            expect(self.robot_row(name)).to_contain_text("drive here")
+        for button, state in (("Stop", "stopped"), ("Release", "waiting")):
+            self.button(f"{button} 2 robots").click()
+            for name in names:
+                expect(self.robot_row(name)).to_contain_text(state)
+        self.press("Escape")
+
+    def drive_by_hand(self) -> None:
+        """For as long as a key or a button is held, and the page is open."""
+        self.robot_row("R2").click()
+        speed = self.fact("speed")
+        assert self.page.context.browser
+        other = self.page.context.browser.new_page()
+        other.goto(f"{self.address}?robot=R2")
+        expect(other.locator(".robot-table [aria-selected=true]")).to_contain_text("R2")
+        for page, let_go in ((self.page, lambda: self.page.keyboard.up("ArrowRight")), (other, other.close)):
+            page.bring_to_front()
+            page.keyboard.press("j")
+            expect(page.locator(".jog-stick")).to_be_visible()
+            page.keyboard.down("ArrowRight")
+            expect(speed).not_to_contain_text("0.00 m/s")
+            let_go()
+            expect(speed).to_contain_text("0.00 m/s")
+        self.button(re.compile("Q")).hover()
+        self.page.mouse.down()
+        expect(speed).to_contain_text(re.compile("turning -?[1-9]"))
+        self.page.mouse.up()
+        expect(speed).to_contain_text("turning 0")
+        self.press("Escape")
 
     def robot_row(self, name: str) -> Locator:
         """The row of a robot in the monitor's table."""
@@ -582,7 +640,8 @@ def operator(program: str, address: str) -> Iterator[Operator]:
 #: Each goes on from where the one before ended.
 STEPS: tuple[Callable[[Operator], None], ...] = (
     *(Operator.draw_building, Operator.put_table, Operator.check_and_plan, Operator.start_robots),
-    *(Operator.drive_here, Operator.build_program, Operator.repair_program, Operator.run_program, Operator.watch_in_2d),
+    *(Operator.drive_here, Operator.drive_together, Operator.drive_by_hand),
+    *(Operator.build_program, Operator.repair_program, Operator.run_program, Operator.watch_in_2d),
     *(Operator.watch_in_3d, Operator.start_and_abort_mission, Operator.look_back),
 )
 

@@ -7,6 +7,7 @@ import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -20,7 +21,9 @@ from testkit.processes import ROBOCORBA, Launcher, drain, eventually
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 pytest.importorskip("playwright", reason="playwright, which moves the browser, is not installed")
+pytest.importorskip("axe_playwright_python", reason="axe, which looks for barriers on pages, is not installed")
 
+from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from testkit.browser import chromium, headless
@@ -265,3 +268,43 @@ def test_a_tap_on_the_chest_in_3d_opens_the_panel(address: str, tablet: Tablet) 
 
     eventually(opens, LIMIT_S, "the panel opens")
     tablet.shows("waiting", "waiting for an order")
+
+
+def barriers(page: Page) -> list[str]:
+    """What axe-core finds on a page that keeps people from using it."""
+    found = Axe().run(page).response["violations"]
+    severe = [each for each in found if each["impact"] in ("serious", "critical")]
+    return [f"{page.url}: {each['id']}: {node['html']}" for each in severe for node in each["nodes"]]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_no_page_has_barriers(address: str, browser: Browser, scheme: Literal["light", "dark"]) -> None:
+    with browser.new_context(color_scheme=scheme, locale="en-GB") as context:
+        context.set_default_timeout(1000 * LIMIT_S)
+        expect.set_options(timeout=1000 * LIMIT_S)
+        page = context.new_page()
+        page.goto(f"{address}/panel/A")
+        expect(page.get_by_label("PIN of A")).to_be_visible()
+        found = barriers(page)
+        page.goto(address)
+        found += barriers(page)
+        page.get_by_label("Password").fill(PASSWORD)
+        page.get_by_role("button", name="Log in").click()
+        for path, text, tabs in (
+            ("/?robot=A", "last news", ("Events", "Channels", "Processes")),
+            ("/3d?robot=A", "waiting for an order", ()),
+            ("/program?robot=A", "examples", ("Text", "Icon")),
+            ("/map", "Select", ("Findings", "Seen", "Path", "Files", "Edits")),
+            ("/missions", "object", ()),
+            ("/panel/A", "waiting for an order", ()),
+        ):
+            page.goto(address + path)
+            expect(page.get_by_text(text).first).to_be_attached()
+            if path.startswith("/program"):
+                page.get_by_label("Open an example").select_option("example fetch")
+                page.locator(".icon-card").first.click()
+            found += barriers(page)
+            for tab in tabs:
+                page.get_by_role("tab", name=tab).click()
+                found += barriers(page)
+    assert found == []

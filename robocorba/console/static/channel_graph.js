@@ -13,7 +13,7 @@ export default {
   template: `
     <section aria-label="Channels">
       <p v-if="!channels.length" class="panel-note">no channels; start some with: robocorba up --subnets a,b</p>
-      <svg v-else class="channel-graph" :viewBox="'0 0 ${WIDTH} ' + height" role="img"
+      <svg v-else class="channel-graph" :viewBox="'0 0 ${WIDTH} ' + height" role="group"
            aria-label="Channels and gateways">
         <defs>
           <marker id="gateway-end" viewBox="0 0 10 10" refX="9" refY="5" markerWidth="7" markerHeight="7"

@@ -18,6 +18,8 @@ export class FloorCanvas extends LabelledView {
     this.overlays = [];
     this.isShownRoadmap = false;
     this.areNamesShown = true;
+    // Names of further selected bodies.
+    this.also = [];
     this.resize();
   }
 
@@ -109,7 +111,7 @@ export class FloorCanvas extends LabelledView {
   drawBodies() {
     const { context, colors } = this;
     for (const body of this.floor.bodies.values()) {
-      const isSelected = body.name === this.selected;
+      const isSelected = body.name === this.selected || this.also.includes(body.name);
       if (body.kind === "object") {
         polygon(context, placed(body.outline, { at: [body.x, body.y], heading: body.heading }));
         context.fillStyle = colors.movable;

@@ -161,31 +161,22 @@ export default {
         if (turn === this.reportTurn) this.reportProblem = error.message;
       }
     },
-    async abort() {
-      const { name } = this.mission;
-      this.isOrdering = true;
-      delete this.notes[name];
-      try {
+    abort() {
+      return this.order("Not aborted: ", async (name) => {
         await call("abort_mission", { name });
         this.aborting[name] = true;
-      } catch (error) {
-        this.notes[name] = `Not aborted: ${error.message}`;
-      } finally {
-        this.isOrdering = false;
         this.update();
-      }
+      });
     },
-    async again() {
+    again() {
+      return this.order("", async (name) => this.$refs.start.fill(await call("mission_icon", { name })));
+    },
+    async order(failure, work) {
       const { name } = this.mission;
       this.isOrdering = true;
       delete this.notes[name];
-      try {
-        this.$refs.start.fill(await call("mission_icon", { name }));
-      } catch (error) {
-        this.notes[name] = error.message;
-      } finally {
-        this.isOrdering = false;
-      }
+      await work(name).catch(({ message }) => { this.notes[name] = failure + message; });
+      this.isOrdering = false;
     },
     // Where the object of a mission is that did not bring it to its goal.
     async findObject({ name, about, result }) {

@@ -7,6 +7,7 @@ import { displayText } from "/static/robot_display.js";
 import { Collisions, ageText, robotRows } from "/static/robot_rows.js";
 import { BodyDrag } from "/static/body_drag.js";
 import DriveNote from "/static/drive_note.js";
+import JogPad from "/static/jog_pad.js";
 import { monitorHands } from "/static/monitor_hands.js";
 import { MonitorScene } from "/static/monitor_scene.js";
 import { rememberView, sharedView } from "/static/shared_view.js";
@@ -26,7 +27,7 @@ const RIGHTS_MS = 5000;
 
 export default {
   components: {
-    ChannelGraph, DriveNote, HappeningList, PastNote, ProcessList, RayLegend, RobotPanel, RobotTable, SimulationBar,
+    ChannelGraph, DriveNote, HappeningList, JogPad, PastNote, ProcessList, RayLegend, RobotPanel, RobotTable, SimulationBar,
     TabList, TimeBar, ViewTools,
   },
   template: `
@@ -42,12 +43,13 @@ export default {
                   :aria-label="'Floor ' + current + '; + and - zoom, 0 shows all, arrows move, F follows'"></canvas>
           <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
           <PastNote v-if="!past.isLive" :past="past" :events="events" @live="$refs.time.goLive()" />
-          <DriveNote v-else-if="places && robot" :robot="robot" :radius="radiusOf(robot.name)" :places="places"
+          <DriveNote v-else-if="places && robot" :robots="group" :bodies="bodies" :places="places"
                      @ways="scene.drive = $event; canvas.redraw()" @undo="places = places.slice(0, -1)"
                      @close="places = null" />
           <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <RayLegend v-if="past.isLive" :scans="seen" />
+          <JogPad v-if="isJogging && mayJog" :key="selected" :robot="robot" :body="() => canvas.floor?.body(selected)" />
           <ViewTools :canvas="() => canvas" :tools="tools()" />
         </div>
         <TimeBar ref="time" :floor="current" :floors="[current]" :happenings="events" @show="showTime"
@@ -57,9 +59,9 @@ export default {
         <TabList label="Details" :names="sides" :chosen="side" @choose="side = $event" />
         <div v-show="side === 'Robots'" class="side-robots">
           <RobotTable :class="{ 'is-now': !past.isLive }" :note="past.isLive ? '' : 'The robots as they are now:'"
-                      :robots="robots" :selected="selected"
+                      :robots="robots" :selected="selected" :also="also"
                       :is-connected="isKnown" @select="choose" />
-          <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :scans="scans" :rights="rights"
+          <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :also="also" :scans="scans" :rights="rights"
                       :floors="floors" :past="past" :then="then"
                       :process="processes[robot.name]" @forgotten="select('')" />
           <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
@@ -73,13 +75,13 @@ export default {
     </div>`,
   data() {
     return {
-      floors: [], current: "", counts: {}, robots: [], selected: "", isFollowing: false, hasPlan: false,
+      floors: [], current: "", counts: {}, robots: [], selected: "", also: [], isFollowing: false, hasPlan: false,
         isKnown: false, message: "connecting",
       sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], seen: [], rights: {}, events: [],
         channels: [],
       past: { isLive: true }, then: null, trouble: "",
       shown: { scans: true, ways: true, roads: false }, isMoving: false,
-        isPicking: false,
+        isPicking: false, isJogging: false,
       // Where the selected robot is to drive, null while the tool is not in use.
       places: null, picked: null, processes: {},
     };
@@ -93,6 +95,13 @@ export default {
     },
     mayDrive() {
       return Boolean(this.past.isLive && this.robot?.agent && this.robot.at);
+    },
+    mayJog() {
+      return this.mayDrive && (this.robot.condition === "idle" || this.robot.program === "teleoperation");
+    },
+    // All selected robots that may drive.
+    group() {
+      return this.robots.filter(({ name, agent, at }) => agent && at && [this.selected, ...this.also].includes(name));
     },
     hint() {
       if (this.isPicking) return "click a free place; Escape cancels";
@@ -132,6 +141,10 @@ export default {
       this.updateThen();
       this.updateTable();
       this.showLayers();
+    },
+    also() {
+      this.canvas.also = this.also;
+      this.canvas.redraw();
     },
     places() {
       if (!this.places) this.scene.drive = [];

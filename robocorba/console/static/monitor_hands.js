@@ -20,8 +20,12 @@ export const monitorHands = {
       toggle("roads", "hub", "Nodes and edges"),
       {
         icon: "near_me", isFirst: true, isOn: this.places !== null, disable: !this.mayDrive,
-        title: this.robot ? "Drive the selected robot here (D, or a right click)" : "Select a robot to drive it",
+        title: this.robot ? "Drive the selected robots here (D, or a right click)" : "Select a robot to drive it",
         press: () => this.startDrive(),
+      },
+      {
+        icon: "gamepad", isOn: this.isJogging, disable: !this.mayJog, press: () => { this.isJogging = !this.isJogging; },
+        title: this.mayJog ? "Drive the selected robot by hand (J)" : "Select a robot that runs no program",
       },
       {
         icon: "open_with", isOn: this.isMoving, disable: !administrator || !this.past.isLive,
@@ -42,8 +46,8 @@ export const monitorHands = {
   driveTo([x, y]) {
     this.places = [...this.places ?? [], { floor: this.current, x, y }];
   },
-  radiusOf(name) {
-    return this.canvas.floor?.body(name)?.radius;
+  bodies() {
+    return [...this.canvas.floor?.bodies.values() ?? []];
   },
   pointer(kind, event, point) {
     if (kind === "menu" && this.mayDrive) this.driveTo(point);
@@ -60,7 +64,7 @@ export const monitorHands = {
       return true;
     }
     if (!body) return false;
-    if (body.kind !== "object") this.select(body.name);
+    if (body.kind !== "object") this.select(body.name, event.shiftKey);
     const mayMove = this.isMoving && this.past.isLive && body.number !== undefined;
     return mayMove && this.drag.begin(body, point, this.current);
   },
@@ -79,6 +83,7 @@ export const monitorHands = {
     else if (event.key === "-") this.canvas.zoom(1 / 1.4);
     else if (event.key === "0") this.canvas.fit();
     else if (event.key === "f" || event.key === "F") this.follow();
+    else if ((event.key === "j" || event.key === "J") && this.mayJog) this.isJogging = !this.isJogging;
     else if (event.key === "d" || event.key === "D") this.startDrive();
     else return;
     event.preventDefault();
@@ -88,19 +93,28 @@ export const monitorHands = {
     if (this.drag.isActive) this.drag.cancel();
     else if (this.isPicking) this.pick(false);
     else if (this.places) this.places = null;
+    else if (this.isJogging) this.isJogging = false;
     else if (this.isMoving) this.isMoving = false;
     else if (this.isFollowing) this.isFollowing = false;
+    else if (this.also.length) this.also = [];
     else this.selected = "";
   },
-  select(name) {
+  // isMore: beside those that are selected, or no longer.
+  select(name, isMore = false) {
+    if (isMore && this.selected) {
+      const others = this.also.filter((each) => each !== name);
+      if (name !== this.selected) this.also = others.length < this.also.length ? others : [...others, name];
+      return;
+    }
+    this.also = [];
     this.selected = name;
     const robot = this.robots.find((each) => each.name === name);
     if (this.past.isLive && robot?.floor && robot.floor !== this.current
       && this.floors.includes(robot.floor)) this.show(robot.floor);
   },
   // A row of the table was chosen: its robot comes to the middle of an enlarged floor.
-  choose(name) {
-    this.select(name);
+  choose(name, isMore) {
+    this.select(name, isMore);
     const body = this.canvas.floor?.body(name);
     if (body && !this.canvas.isFitted) this.canvas.centreOn(body.x, body.y);
   },

@@ -28,7 +28,7 @@ export class MonitorScene {
     // The body that is dragged: {body, x, y, heading}; and the last refusal: {text, x, y, until}.
     this.moved = null;
     this.refusal = null;
-    // The way that the selected robot would drive: points with their floor, x and y.
+    // The ways that selected robots would drive: of each the points with their floor, x and y.
     this.drive = [];
     canvas.overlays.push(this);
     canvas.describe = (body) => this.describe(body);
@@ -71,8 +71,10 @@ export class MonitorScene {
       else if (!this.isPast && this.robots.get(body.name)?.condition === "stopped") this.drawStopped(context, body);
     }
     if (this.moved) this.drawMoved(context);
-    this.drawRun(context, this.drive.filter(({ floor }) => floor === this.floorName).map(({ x, y }) => [x, y]), 4,
-      this.canvas.colors.selected);
+    for (const way of this.drive) {
+      const here = way.filter(({ floor }) => floor === this.floorName);
+      this.drawRun(context, here.map(({ x, y }) => [x, y]), 4, this.canvas.colors.selected);
+    }
   }
 
   labels(context) {

@@ -5,7 +5,8 @@ const VIEW = [["+ \u2212", "enlarge, reduce"], ["0", "show everything"]];
 const KEYS = {
   Monitor: [
     ...VIEW, [ARROWS, "move the view"], ["F", "follow the selected robot"],
-    ["D, right click", "drive the selected robot there"],
+    ["Shift click", "select several robots"], ["D, right click", "drive the selected robots there"],
+    ["J", "drive a robot by hand: arrows, Q and E"],
     ["\u2191 \u2193", "in the table: the robot before, the next one"],
     ["\u2190 \u2192", "in tabs: the one before, the next one"],
     ["Q E", "turn what is being dragged"], ["Esc", "end dragging, a tool, following, the selection"],

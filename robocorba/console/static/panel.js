@@ -17,7 +17,7 @@ export default {
   components: { PanelChoice },
   props: { robot: String },
   template: `
-    <main class="panel">
+    <div class="panel">
       <section class="panel-display" :class="'is-' + (shown.kind || 'lost')"
                :style="{ background: color }" aria-label="Display">
         <header>
@@ -50,7 +50,7 @@ export default {
       </section>
       <p v-if="message" class="panel-message" role="alert" @click="message = ''">{{ message }}</p>
       <PanelChoice v-if="isChoosing" :choices="choices" :chosen="program" @choose="chosen" @close="isChoosing = false" />
-    </main>`,
+    </div>`,
   data() {
     return {
       state: {}, choices: { adaptors: [], programs: [], loaded: "" }, program: null, isChoosing: false, isBusy: false,

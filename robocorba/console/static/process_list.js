@@ -42,6 +42,8 @@ export default {
                           @sure="end(row.robot)" @click.stop /></td>
         </tr></tbody>
       </table>
+      <p v-if="past" class="panel-note" :class="{ 'is-problem': past.problem }">The past: {{ past.problem
+        ? 'in memory only: ' + past.problem : past.mib.toFixed(1) + ' MiB on disk' }}</p>
       <template v-if="logOf">
         <h2 class="console-heading">Log of {{ logOf }}</h2>
         <pre class="process-log" tabindex="0">{{ log }}</pre>
@@ -49,7 +51,7 @@ export default {
     </section>`,
   data() {
     return {
-      rows: [], problem: "loading", error: "", isStarting: false, logOf: "", log: "",
+      rows: [], problem: "loading", error: "", isStarting: false, past: null, logOf: "", log: "",
       order: { name: "", floor: sharedView.floor, channel: "", at: null },
     };
   },
@@ -93,6 +95,7 @@ export default {
   methods: {
     async refresh() {
       try {
+        this.past = await call("past_on_disk");
         this.rows = await call("processes");
         this.problem = "";
         this.$emit("processes", this.rows);

@@ -1,17 +1,16 @@
 // The program as Python and as the JSON of its file.
+import TabList from "/static/tab_list.js";
 
 export const ProgramText = {
+  components: { TabList },
   props: { json: String, python: String, message: String },
   template: `
     <section class="program-source" aria-label="Program as text">
-      <div class="console-tabs" role="tablist" aria-label="Language">
-        <button v-for="each in ['Python', 'JSON']" :key="each" type="button" role="tab"
-                :aria-selected="language === each"
-                @click="language = each">{{ each }}</button>
+      <TabList label="Language" :names="['Python', 'JSON']" :chosen="language" @choose="language = $event">
         <q-btn flat dense round size="sm" icon="content_copy" aria-label="Copy the text" :disable="!text"
                @click="copy" />
         <span class="target-help" role="status">{{ note }}</span>
-      </div>
+      </TabList>
       <pre v-if="text" class="program-text" tabindex="0" :aria-label="language">{{ text }}</pre>
       <div v-else class="console-message">{{ message }}</div>
     </section>`,

@@ -10,9 +10,9 @@ import SureButton from "/static/sure_button.js";
 
 export default {
   components: { ProximityRing, SureButton },
-  // past: as the time bar says it; then: the robot's body on the shown floor at that moment, or null.
+  // also: names of further selected robots. past: as the time bar says it; then: the robot's body on the shown floor at that moment, or null.
   props: {
-    robot: Object, scans: Array, rights: Object, floors: Array, past: Object, then: Object, process: Object,
+    robot: Object, also: Array, scans: Array, rights: Object, floors: Array, past: Object, then: Object, process: Object,
   },
   emits: ["forgotten"],
   template: `
@@ -21,10 +21,10 @@ export default {
         <a v-if="robot.isHere" :href="'/3d?robot=' + encodeURIComponent(robot.name)" title="Show it in 3D">3D</a>
         <a v-if="robot.agent" :href="panelAddress(robot.name)" title="Its touch panel">panel</a></h2>
       <div class="console-actions">
-        <q-btn dense no-caps color="negative" icon="front_hand" label="Stop" :disable="!robot.agent"
-               @click="order('stop')" />
-        <q-btn v-if="robot.condition === 'stopped'" dense no-caps outline label="Release stop"
-               @click="order('reset_stop')" />
+        <q-btn dense no-caps color="negative" icon="front_hand" :label="'Stop' + all" :disable="!robot.agent"
+               @click="orderAll('stop')" />
+        <q-btn v-if="robot.condition === 'stopped'" dense no-caps outline :label="'Release' + (all || ' stop')"
+               @click="orderAll('reset_stop')" />
         <q-btn v-if="robot.isHere" dense no-caps outline label="Teleport" :disable="!rights.administrator"
                :aria-expanded="isPlacing"
                :title="rights.administrator ? 'Put it at a pose' : administratorHint" @click="openPlace" />
@@ -77,6 +77,9 @@ export default {
     short() {
       return [...this.robot.name].slice(0, 16).join("");
     },
+    all() {
+      return this.also.length ? ` ${this.also.length + 1} robots` : "";
+    },
     administratorHint() {
       return "this needs a console with the rights of an administrator";
     },
@@ -97,6 +100,11 @@ export default {
     },
     order(operation) {
       return this.run(operation, { robot: this.robot.name });
+    },
+    // An order to all selected robots, which none of them waits for.
+    orderAll(operation) {
+      const calls = [this.robot.name, ...this.also].map((robot) => call(operation, { robot }));
+      return attempt(this, () => Promise.all(calls), { problem: "error" });
     },
     async forget() {
       if (await this.order("forget_robot")) this.$emit("forgotten");

@@ -5,8 +5,8 @@ const COLUMNS = { Robot: "name", Floor: "floor", State: "word", Program: "progra
 const MANY = 8;
 
 export default {
-  // note: said above the table.
-  props: { robots: Array, selected: String, isConnected: Boolean, note: String },
+  // note: said above the table. also: names of further selected robots. select: a name, and whether it is beside others.
+  props: { robots: Array, selected: String, also: Array, isConnected: Boolean, note: String },
   emits: ["select"],
   template: `
     <div class="robot-table">
@@ -20,8 +20,8 @@ export default {
         </tr></thead>
         <tbody>
           <tr v-for="(robot, index) in rows" :key="robot.name" :data-row="index" tabindex="0"
-              :class="{ 'is-lost': robot.isLost }" :aria-selected="robot.name === selected"
-              @click="$emit('select', robot.name)" @keydown="key($event, index)">
+              :class="{ 'is-lost': robot.isLost }" :aria-selected="[selected, ...also].includes(robot.name)"
+              @mousedown.shift.prevent @click="$emit('select', robot.name, $event.shiftKey)" @keydown="key($event, index)">
             <td :title="robot.name">{{ robot.name }}</td>
             <td :title="robot.floor">{{ robot.floor }}</td>
             <td :title="robot.problem || robot.display.text"
@@ -71,7 +71,7 @@ export default {
       const row = this.$el.querySelector(`[data-row="${index + step}"]`);
       if (!row) return;
       row.focus();
-      this.$emit("select", this.rows[index + step].name);
+      this.$emit("select", this.rows[index + step].name, event.shiftKey);
     },
   },
 };

@@ -3,11 +3,13 @@ export default {
   props: { names: Array, chosen: String, counts: Object, label: String },
   emits: ["choose"],
   template: `
-    <div class="console-tabs" role="tablist" :aria-label="label" @keydown="key">
-      <button v-for="name in names" :key="name" type="button" role="tab" :aria-selected="name === chosen" :title="name"
-              :tabindex="name === chosen ? 0 : -1" @click="$emit('choose', name)">
-        <bdi>{{ name }}</bdi> <small v-if="counts" :title="(counts[name] ?? 0) + ' robots'">{{ counts[name] ?? 0 }}</small>
-      </button>
+    <div class="console-tabs">
+      <div role="tablist" :aria-label="label" @keydown="key">
+        <button v-for="name in names" :key="name" type="button" role="tab" :aria-selected="name === chosen"
+                :title="name" :tabindex="name === chosen ? 0 : -1" @click="$emit('choose', name)">
+          <bdi>{{ name }}</bdi> <small v-if="counts" :title="(counts[name] ?? 0) + ' robots'">{{ counts[name] ?? 0 }}</small>
+        </button>
+      </div>
       <slot />
     </div>`,
   methods: {

@@ -44,6 +44,7 @@ export default {
             <span v-for="[kind, words] in legend" :key="kind" :class="'is-' + kind">
               <b>{{ signs[kind] }}</b> {{ words }}</span>
           </div>
+          <div class="time-gaps" aria-hidden="true"><i v-for="gap in gaps" :key="gap.begin" :style="gap" /></div>
           <input type="range" :min="from" :max="to" step="1" :value="at" aria-label="Time" :aria-valuetext="text"
                  @input="seek(Number($event.target.value))">
         </div>
@@ -73,12 +74,13 @@ export default {
         <span v-if="film?.phase === 'making'" class="time-note" role="status">the film is being made</span>
         <span v-else-if="begin >= end" class="time-note">go to a time and press the button beside "to"</span>
       </div>
+      <div v-if="away" class="time-row" role="status">Nobody saw this: no console was there {{ away }}.</div>
       <div v-if="error || lost" class="time-row is-problem" role="alert">{{ error || lost }}</div>
     </div>`,
   data() {
     return {
       signs: MARKS, legend: LEGEND,
-      isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, speed: 1, recording: "", recordings: [],
+      isLive: true, isPlaying: false, at: 0, from: 0, to: 1, now: 0, times: [], speed: 1, recording: "", recordings: [],
         isOpening: false,
       error: "", lost: "", isFilming: false, begin: 0, end: 0, filmSpeed: 1, film: null,
     };
@@ -91,6 +93,16 @@ export default {
       if (this.isLive) return this.to > 1 ? `${this.clock(this.to)} now` : "";
       return this.recording ? `${this.clock(this.at)}, ${durationText(this.at - this.from)}`
         : `${this.clock(this.at)}, ${durationText(this.now - this.at)} ago`;
+    },
+    // Times without a console, as parts of the line, and the one that is shown, in words.
+    gaps() {
+      const share = (at) => `${(100 * Math.max(at, 0)) / (this.to - this.from)}%`;
+      const shown = this.recording ? [] : this.times.filter(([, end]) => end > this.from);
+      return shown.map(([begin, end]) => ({ begin, end, left: share(begin - this.from), width: share(end - begin) }));
+    },
+    away() {
+      const gap = this.isLive ? null : this.gaps.find(({ begin, end }) => this.at >= begin && this.at < end);
+      return gap ? `from ${this.clock(gap.begin)} to ${this.clock(gap.end)}` : "";
     },
     marks() {
       if (this.recording || this.to <= this.from) return [];
@@ -153,6 +165,7 @@ export default {
       const past = live.state?.past;
       if (!past) return;
       this.now = past[1];
+      this.times = live.state.gaps;
       if (this.recording) return;
       [this.from, this.to] = past;
       if (this.isLive) this.at = this.to;
