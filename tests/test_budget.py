@@ -1,5 +1,5 @@
 """How much there is of everything: the numbers may only fall. A change that makes something smaller lowers its number.
-Only a part that was promised and missing may raise it: last the senses of robots that speak ROS 2, and their tests."""
+Only a part that was promised and missing may raise it: last what the console keeps and how it drives robots."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_068,
-    "classes": 967,
+    "lines of code": 52_268,
+    "classes": 966,
     "upper-case names of modules": 1_067,
     "kernels": 66,
     "functions compiled within kernels": 76,
@@ -23,7 +23,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_461, "testkit": 7_082, "bench": 9_299, "robocorba/console/static": 11_717}
+LINES_AT_MOST = {"tests": 53_643, "testkit": 7_136, "bench": 9_299, "robocorba/console/static": 11_865}
 WORDS_AT_MOST = {"docs": 31_855, "README.md": 930, "CHANGELOG.md": 2_150}
 
 

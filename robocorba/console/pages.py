@@ -42,40 +42,39 @@ _GROUND = """<script>{
 }</script>"""
 
 
-class PageHeader(ui.element, component=STATIC / "page_header.js"):
-    """Links to the pages, the state of the connection, dark and light, and the emergency stop."""
-
-    def __init__(self, current: str) -> None:
-        super().__init__()
-        self._props["pages"] = [{"address": page.address, "title": page.title, "icon": page.icon} for page in PAGES]
-        self._props["current"] = current
-
-
 def add_pages() -> None:
     """Register all pages with NiceGUI."""
+    header = _component("page_header.js")
     for page in PAGES:
-        _add(page)
-
-    class Panel(ui.element, component=STATIC / "panel.js"):
-        """The touch panel of the robot in its property. A tablet shows it, so it leads nowhere else."""
+        _add(page, header)
+    panel = _component("panel.js")  # a tablet shows it, so it leads nowhere else
 
     @ui.page("/panel/{robot:path}")
     def build(robot: str) -> None:
         _add_head(robot, "panel.css")
-        Panel()._props["robot"] = robot
+        panel()._props["robot"] = robot
 
 
-def _add(page: Page) -> None:
-    class Content(ui.element, component=STATIC / page.script, esm=page.modules):
-        """The whole page below its header."""
+def _component(script: str, modules: dict[str, str] | None = None) -> type[ui.element]:
+    """What NiceGUI makes of a component in static/."""
+
+    class Component(ui.element, component=STATIC / script, esm=modules):
+        pass
+
+    return Component
+
+
+def _add(page: Page, header: type[ui.element]) -> None:
+    content = _component(page.script, page.modules)
 
     @ui.page(page.address)
     def build() -> None:
         _add_head(page.title, *page.styles)
         with ui.element("div").classes("console-page"):
-            PageHeader(page.title)
+            links = [{"address": each.address, "title": each.title, "icon": each.icon} for each in PAGES]
+            header()._props.update(pages=links, current=page.title)
             with ui.element("div").classes("console-content"):
-                Content()
+                content()
 
 
 def _add_head(title: str, *styles: str) -> None:

@@ -40,15 +40,14 @@ class PastFiles(Repeating):
         max_bytes: int = 256 * 2**20,
     ) -> None:
         super().__init__("console past", self.keep, 1.0)  # a killed console loses no more than a second
-        self._max_bytes = max_bytes
-        self._folder, self._history, self._happenings, self._building = folder, history, happenings, building
+        self._folder, self._building, self._max_bytes = folder, building, max_bytes
+        self._history, self._happenings = history, happenings
         self.problem, self.size = "", 0
         self._lock: int | None = None
         self._recorder: Recorder | None = None
         self._retry_s = self._began_s = 0.0
-        #: Time of the last moment, and of anything, in the files, by the clock of the history [s].
-        self._written_s = self._lasts_s = float("-inf")
-        self._noted = 0
+        #: Time of the last moment, and of anything, in the files, by the clock of the history [s]; the last event.
+        self._written_s, self._lasts_s, self._noted = float("-inf"), 0.0, 0
         #: The last moment of each floor, and its version in the file that is written.
         self._last: dict[str, Moment] = {}
         self._versions: dict[str, int] = {}

@@ -7,7 +7,6 @@ import contextlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
@@ -277,27 +276,26 @@ def barriers(page: Page) -> list[str]:
     return [f"{page.url}: {each['id']}: {node['html']}" for each in severe for node in each["nodes"]]
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_no_page_has_barriers(address: str, browser: Browser, scheme: Literal["light", "dark"]) -> None:
-    with browser.new_context(color_scheme=scheme, locale="en-GB") as context:
-        context.set_default_timeout(1000 * LIMIT_S)
-        expect.set_options(timeout=1000 * LIMIT_S)
-        page = context.new_page()
-        page.goto(f"{address}/panel/A")
-        expect(page.get_by_label("PIN of A")).to_be_visible()
-        found = barriers(page)
-        page.goto(address)
-        found += barriers(page)
-        page.get_by_label("Password").fill(PASSWORD)
-        page.get_by_role("button", name="Log in").click()
-        for path, text, tabs in (
-            ("/?robot=A", "last news", ("Events", "Channels", "Processes")),
-            ("/3d?robot=A", "waiting for an order", ()),
-            ("/program?robot=A", "examples", ("Text", "Icon")),
-            ("/map", "Select", ("Findings", "Seen", "Path", "Files", "Edits")),
-            ("/missions", "object", ()),
-            ("/panel/A", "waiting for an order", ()),
-        ):
+def test_no_page_has_barriers(address: str, tablet: Tablet) -> None:
+    page, found = tablet.page, list[str]()
+    for path, label in (("/panel/A", "PIN of A"), ("", "Password")):
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            page.goto(address + path)
+            expect(page.get_by_label(label)).to_be_visible()
+            found += barriers(page)
+    page.get_by_label("Password").fill(PASSWORD)
+    page.get_by_role("button", name="Log in").click()
+    for path, text, tabs in (
+        ("/?robot=A", "last news", ("Events", "Channels", "Processes")),
+        ("/3d?robot=A", "waiting for an order", ()),
+        ("/program?robot=A", "examples", ("Text", "Icon")),
+        ("/map", "Select", ("Findings", "Seen", "Path", "Files", "Edits")),
+        ("/missions", "object", ()),
+        ("/panel/A", "waiting for an order", ()),
+    ):
+        for dark in ("no", "yes"):
+            page.evaluate("dark => localStorage.setItem('robocorba-dark', dark)", dark)
             page.goto(address + path)
             expect(page.get_by_text(text).first).to_be_attached()
             if path.startswith("/program"):

@@ -57,13 +57,9 @@ export class BodyDrag {
     if (!moved) return;
     const { body, x, y } = moved;
     const heading = Math.atan2(Math.sin(moved.heading), Math.cos(moved.heading));
-    try {
-      await call("place", { body: body.name, floor: this.floor, x, y, heading });
-    } catch (error) {
-      this.scene.refuse(error.message, x, y);
-    } finally {
-      if (this.scene.moved === moved) this.scene.moved = null;
-      this.scene.canvas.redraw();
-    }
+    await call("place", { body: body.name, floor: this.floor, x, y, heading })
+      .catch(({ message }) => this.scene.refuse(message, x, y));
+    if (this.scene.moved === moved) this.scene.moved = null;
+    this.scene.canvas.redraw();
   }
 }

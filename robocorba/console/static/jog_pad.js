@@ -1,7 +1,8 @@
-// Drives one robot by hand for as long as a key, a turn button or the stick is held. Each order is valid for 0.5 s: a page
-// that is closed, or loses the console, sends no further one.
+// Drives one robot by hand for as long as a key, a turn button or the stick is held. Each order is valid for 0.5 s: a
+// page that is closed, or loses the console, sends no further one.
 import { call } from "/static/calls.js";
 import { live } from "/static/live.js";
+import { unplaced } from "/static/segments.js";
 
 // Interval between orders, and after this time the console does not answer [ms].
 const ORDER_MS = 100, LIMIT_MS = 2000;
@@ -13,8 +14,9 @@ const KEYS = {
 
 // The velocity in the frame of a robot with a heading [rad], for a direction on the map of at most 1, at a speed [m/s].
 export function jogVelocity([x, y, turn], heading, speed) {
-  const part = speed / Math.max(1, Math.hypot(x, y)), cos = Math.cos(heading), sin = Math.sin(heading);
-  return { ahead: part * (x * cos + y * sin), left: part * (y * cos - x * sin), turn: turn * speed * TURN_RAD_PER_M };
+  const part = speed / Math.max(1, Math.hypot(x, y));
+  const [[ahead, left]] = unplaced([[part * x, part * y]], { at: [0, 0], heading });
+  return { ahead, left, turn: turn * speed * TURN_RAD_PER_M };
 }
 
 export default {
@@ -26,18 +28,14 @@ export default {
               @pointerleave="release" @contextmenu.prevent>
         {{ key === "q" ? "\u21ba" : "\u21bb" }} {{ key.toUpperCase() }}</button>
       <div class="jog-stick" title="Drag: the robot drives there, by the map; the arrow keys do the same"
-           @pointerdown="grip" @pointermove="$event.target.hasPointerCapture($event.pointerId) && grip($event)">
-        <i :style="{ translate: stick[0] * 40 + 'px ' + -stick[1] * 40 + 'px' }"></i></div>
-      <label>{{ speed.toFixed(2) }} m/s <input v-model.number="speed" type="range" min="0.05" max="0.5" step="0.05"></label>
+           @pointerdown="grip" @pointermove="held.stick && grip($event)">
+        <i :style="held.stick && { translate: held.stick[0] * 40 + 'px ' + -held.stick[1] * 40 + 'px' }"></i></div>
+      <label>{{ speed.toFixed(2) }} m/s
+        <input v-model.number="speed" type="range" min="0.05" max="0.5" step="0.05"></label>
       <p v-if="problem" class="is-problem" role="alert">{{ problem }}</p>
     </div>`,
   data() {
     return { keys: KEYS, held: {}, speed: 0.2, problem: "" };
-  },
-  computed: {
-    stick() {
-      return this.held.stick ?? [0, 0, 0];
-    },
   },
   mounted() {
     this.closed = new AbortController();

@@ -124,12 +124,8 @@ export const FilesPanel = {
         this.pictureProblem = "the picture has more than 5.5 MiB";
         return;
       }
-      try {
-        const picture = await base64(file);
-        this.$emit("underlay", { x: 0, y: 0, resolution: 0.05, ...this.underlay, picture });
-      } catch (error) {
-        this.pictureProblem = error.message;
-      }
+      const picture = await base64(file).catch((error) => { this.pictureProblem = error.message; });
+      if (picture) this.$emit("underlay", { x: 0, y: 0, resolution: 0.05, ...this.underlay, picture });
     },
     place(key, target) {
       if (Number.isFinite(target.valueAsNumber)) this.$emit("underlay", { ...this.underlay,
@@ -164,11 +160,7 @@ export const fileMethods = {
     }
   },
   async setUnderlay(underlay) {
-    try {
-      await call("map_set_underlay", { floor: this.current, ...underlay });
-    } catch (error) {
-      this.say(error.message, true);
-    }
+    await call("map_set_underlay", { floor: this.current, ...underlay }).catch((error) => this.say(error.message, true));
     await this.loadUnderlay();
     this.canvas.redraw();
   },

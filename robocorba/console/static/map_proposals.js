@@ -74,11 +74,7 @@ export const proposalMethods = {
   // Ask for the proposals again and again while the page is open.
   async followProposals() {
     clearTimeout(this.proposalTimer);
-    try {
-      this.takeProposals(await call("map_proposals"));
-    } catch {
-      this.takeProposals([]); // the page says why the map editor does not answer
-    }
+    this.takeProposals(await call("map_proposals").catch(() => [])); // the page says why there is no answer
     if (!this.isClosed) this.proposalTimer = setTimeout(() => this.followProposals(), INTERVAL_MS);
   },
   takeProposals(found) {
@@ -97,11 +93,7 @@ export const proposalMethods = {
     this.followProposals();
   },
   async rejectProposal(name) {
-    try {
-      await call("map_reject", { name });
-    } catch (error) {
-      this.say(error.message, true);
-    }
+    await call("map_reject", { name }).catch(({ message }) => this.say(message, true));
     this.followProposals();
   },
 };

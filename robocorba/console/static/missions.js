@@ -154,12 +154,9 @@ export default {
     },
     async loadReport() {
       const turn = (this.reportTurn = (this.reportTurn ?? 0) + 1);
-      try {
-        const report = await call("mission_report", { name: this.selected });
-        if (turn === this.reportTurn) [this.report, this.reportProblem] = [report, ""];
-      } catch (error) {
-        if (turn === this.reportTurn) this.reportProblem = error.message;
-      }
+      const [report, problem] = await call("mission_report", { name: this.selected })
+        .then((found) => [found, ""], ({ message }) => [this.report, message]);
+      if (turn === this.reportTurn) [this.report, this.reportProblem] = [report, problem];
     },
     abort() {
       return this.order("Not aborted: ", async (name) => {

@@ -282,11 +282,7 @@ export default {
       this.scans = this.scene.scans.filter((scan) => scan.robot === this.selected);
     },
     async askRights() {
-      try {
-        this.rights = await call("rights");
-      } catch {
-        this.rights = {};
-      }
+      this.rights = await call("rights").catch(() => ({}));
       if (!this.rights.supervisor) return;
       await call("processes").then((rows) => this.setProcesses(rows)).catch(() => {});
     },

@@ -70,26 +70,18 @@ export default {
     // It can be pressed again while an answer is awaited.
     async stopAll() {
       this.stopping += 1;
-      try {
-        const failed = Object.entries(await call("stop_all", {}, STOP_MS));
-        const message = failed.map(([robot, reason]) => `${robot}: ${reason}`).join("; ");
-        if (failed.length) this.$q.notify({ type: "negative", message: `not stopped: ${message}`, timeout: 0, closeBtn: true });
-        else this.$q.notify({ type: "positive", message: "all robots are stopped" });
-      } catch (error) {
-        const message = `robots may still move: ${error.message}`;
-        this.$q.notify({ type: "negative", message, timeout: 0, closeBtn: true });
-      } finally {
-        this.stopping -= 1;
-      }
+      const problem = await failures("not stopped", call("stop_all", {}, STOP_MS), "robots may still move: ");
+      this.say(problem || "all robots are stopped", problem);
+      this.stopping -= 1;
     },
     async releaseAll() {
-      try {
-        const held = Object.entries(await call("reset_all"));
-        const message = held.map(([robot, reason]) => `${robot}: ${reason}`).join("; ");
-        if (held.length) this.$q.notify({ type: "negative", message: `still stopped: ${message}`, timeout: 0, closeBtn: true });
-      } catch (error) {
-        this.$q.notify({ type: "negative", message: error.message, timeout: 0, closeBtn: true });
-      }
+      const problem = await failures("still stopped", call("reset_all"));
+      if (problem) this.say(problem, problem);
+    },
+    // A problem stays until it is closed.
+    say(message, isProblem) {
+      const options = isProblem ? { type: "negative", timeout: 0, closeBtn: true } : { type: "positive" };
+      this.$q.notify({ message, ...options });
     },
     // A press of Enter on a link is a click without a position.
     noteFocus({ detail }) {
@@ -101,3 +93,9 @@ export default {
     },
   },
 };
+
+// What has failed of an order to all robots, which is answered by a reason for each robot; "" for nothing.
+function failures(what, answer, unanswered = "") {
+  const texts = (reasons) => Object.entries(reasons).map(([robot, reason]) => `${robot}: ${reason}`).join("; ");
+  return answer.then((found) => texts(found) && `${what}: ${texts(found)}`, ({ message }) => unanswered + message);
+}

@@ -144,16 +144,12 @@ export default {
     async act(operation, argument, limitMs) {
       this.isBusy = true;
       this.message = "";
-      try {
-        await callPanel(operation, this.robot, argument, limitMs);
-        return true;
-      } catch (error) {
+      const isDone = await callPanel(operation, this.robot, argument, limitMs).then(() => true, (error) => {
         this.failed(error);
         this.say(plainWords(error.message));
-        return false;
-      } finally {
-        this.isBusy = false;
-      }
+      });
+      this.isBusy = false;
+      return Boolean(isDone);
     },
     say(message) {
       this.message = message;
@@ -172,14 +168,11 @@ export default {
     // It can be pressed again while an answer is awaited, and whatever else is under way.
     async stop() {
       this.isStopping = true;
-      try {
-        await callPanel("panel_stop", this.robot, {}, STOP_MS);
-      } catch (error) {
+      await callPanel("panel_stop", this.robot, {}, STOP_MS).catch((error) => {
         this.failed(error);
         this.say(`${this.robot} may still move: ${error.message}`);
-      } finally {
-        this.isStopping = false;
-      }
+      });
+      this.isStopping = false;
     },
     // An actual robot takes a second touch.
     async choose({ adaptor, model }) {

@@ -130,12 +130,9 @@ export default {
     },
     async loadLog() {
       const name = this.logOf;
-      try {
-        const lines = await call("log_lines", { process: name, lines: LOG_LINES });
-        if (name === this.logOf) this.log = lines.join("\n") || "nothing yet";
-      } catch (error) {
-        this.log = error.message;
-      }
+      const log = await call("log_lines", { process: name, lines: LOG_LINES })
+        .then((lines) => lines.join("\n") || "nothing yet", ({ message }) => message);
+      if (name === this.logOf) this.log = log;
     },
   },
 };

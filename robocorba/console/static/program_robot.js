@@ -90,13 +90,8 @@ const methods = {
     this.setAll(node.id, values);
   },
   async handPose(joints, side) {
-    try {
-      const poses = await call("hand_poses", { joints: [...joints] });
-      return Object.fromEntries(Object.entries(poses[side]).map(([name, value]) => [name, fourDigits(value)]));
-    } catch (error) {
-      this.note(error.message, "error");
-      return null;
-    }
+    const poses = await call("hand_poses", { joints: [...joints] }).catch(({ message }) => this.note(message, "error"));
+    return poses ? Object.fromEntries(Object.entries(poses[side]).map(([name, value]) => [name, fourDigits(value)])) : null;
   },
   setAll(id, values, kind = "taken") {
     for (const [name, value] of Object.entries(values)) this.model.set(id, name, value, `${id} ${kind}`);
@@ -150,12 +145,9 @@ const methods = {
   },
   async takeProgram() {
     const { robot } = this;
-    try {
-      const isOpen = this.openText(`the program of ${robot}`, await call("loaded_program", { robot }));
-      if (isOpen && isActive(this.robotRow)) this.run.follow(robot, this.idsByPath());
-    } catch (error) {
-      this.note(error.message, "error");
-    }
+    const text = await call("loaded_program", { robot }).catch(({ message }) => this.note(message, "error"));
+    const isOpen = text !== undefined && this.openText(`the program of ${robot}`, text);
+    if (isOpen && isActive(this.robotRow)) this.run.follow(robot, this.idsByPath());
   },
   async switched({ robot, adaptor, isRun }) {
     this.panel = "";
@@ -163,14 +155,10 @@ const methods = {
     if (isRun) await this.start(false);
   },
   async order(operation, argument = {}) {
-    try {
-      await call(operation, { robot: this.robot, ...argument });
-      if (this.message.kind === "error") this.note("");
-      return true;
-    } catch (error) {
-      this.note(shiftedPaths(error.message, argument.first ?? 0), "error");
-      return false;
-    }
+    const problem = await call(operation, { robot: this.robot, ...argument }).then(() => "", ({ message }) => message);
+    if (problem) this.note(shiftedPaths(problem, argument.first ?? 0), "error");
+    else if (this.message.kind === "error") this.note("");
+    return !problem;
   },
 };
 

@@ -60,13 +60,9 @@ export default {
     async order(operation, argument = {}) {
       this.error = "";
       clearTimeout(this.timer);
-      try {
-        await call(operation, argument);
-        if (operation === "set_pace") this.state = { ...this.state, pace: argument.pace };
-      } catch (error) {
-        this.error = error.message;
-        this.timer = setTimeout(() => { this.error = ""; }, 8000);
-      }
+      this.error = await call(operation, argument).then(() => "", ({ message }) => message);
+      if (this.error) this.timer = setTimeout(() => { this.error = ""; }, 8000);
+      else if (operation === "set_pace") this.state = { ...this.state, pace: argument.pace };
     },
   },
 };

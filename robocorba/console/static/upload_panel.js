@@ -47,16 +47,12 @@ export const UploadPanel = {
       const host = this.address.host.trim(), port = Number(this.address.port);
       this.doing = doing;
       this.problem = this.text = "";
-      try {
-        const answer = await call(operation, { host, port, ...argument });
-        rememberAddress(PURPOSE, this.address);
-        return answer;
-      } catch (error) {
+      const answer = await call(operation, { host, port, ...argument }).catch((error) => {
         this.problem = plainWords(error.message);
-        return null;
-      } finally {
-        this.doing = "";
-      }
+      });
+      if (!this.problem) rememberAddress(PURPOSE, this.address);
+      this.doing = "";
+      return answer;
     },
     async test() {
       const found = await this.attempt("test", "reach_computer");
