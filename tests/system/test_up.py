@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import psutil
 import pytest
@@ -18,7 +19,8 @@ from omniORB import CORBA
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import CHANNELS
-from testkit.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
+from robocorba.system.settings import Address
+from testkit.processes import ROBOCORBA, Running, drain, eventually, hang, is_running, read_json, refusal
 from tests.damage import damage
 
 pytestmark = [pytest.mark.system, pytest.mark.slow(60)]
@@ -228,3 +230,35 @@ def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> N
     eventually(lambda: answers(planner) > 0, what="answers again")
     assert running.stop() == 0
     assert running.left_behind() == []
+
+
+def test_two_instances_run_side_by_side(launch: Launch, tmp_path: Path) -> None:
+    def started(*words: str) -> subprocess.Popen[str]:
+        return launch(ROBOCORBA, *words, XDG_STATE_HOME=str(tmp_path))
+
+    def printed(*words: str) -> tuple[int, str, str]:
+        process = started(*words)
+        out, err = process.communicate(timeout=60)
+        return process.returncode, out, err
+
+    systems = {}
+    for name in ("anna", "bob"):
+        state = tmp_path / f"robocorba-{name}"
+        systems[name] = Running(started("up", "--instance", name, "--hang-limit", "60"), state, Address("0.0.0.0", 1))
+    for name, system in systems.items():
+        drain(system.wait_ready().process)
+        robot = started("robot", f"R-{name}", "--instance", name, "--floor", "L1")
+        assert robot.stdout and robot.stdout.readline() == "ready\n"
+    for name in systems:
+        code, out, err = printed("watch", "--json", "--instance", name)
+        assert (code, [each["name"] for each in read_json(out)["robots"]]) == (0, [f"R-{name}"]), err
+        assert printed("path", "L1:17,1.2", "L1:17,4", "--instance", name)[0] == 0
+    anna = systems["anna"]
+    assert f"(process id {anna.process.pid}) uses the state folder" in refusal(started("up", "--instance", "anna"))
+    assert read_json((anna.state / "ports.json").read_text())["naming"] == Address.parse(anna.record().naming).port
+    assert anna.stop(signal.SIGINT) == 0
+    nothing = f"nothing runs in {anna.state}; instances that run: bob\n"
+    assert printed("status", "--instance", "anna") == (1, nothing, "")
+    assert "instance 'anna' does not run" in refusal(started("path", "L1:17,1.2", "L1:17,4", "--instance", "anna"))
+    code, out, err = printed("status", "--json", "--instance", "bob")
+    assert (code, [*read_json(out)["robots"]]) == (0, ["R-bob"]), err
