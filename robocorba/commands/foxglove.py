@@ -35,10 +35,10 @@ CALL_TIMEOUT_S = 2.0
 def foxglove(
     context: typer.Context,
     host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65535, help="0: a free one.")] = 8765,
+    port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65535, help="Port; 0: any free one.")] = 8765,
     scans: Annotated[bool, typer.Option("--scans/--no-scans", help="Show scans of robots' sensors.")] = True,
     steer: Annotated[
-        bool, typer.Option("--steer", help="Let clients pause the simulation and set its pace; needs --state.")
+        bool, typer.Option("--steer", help="Let Foxglove pause and pace the simulation. Needs the state folder.")
     ] = False,
     state: State = None,
     naming: Naming = None,
