@@ -46,7 +46,7 @@ SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "samples": ("samples", "app", "List and copy sample maps, programs and fleets."),
     "path": ("path", "path"),
     "mission": ("mission", "app", "Start, watch and abort missions of several robots."),
-    "events": ("events", "app", "Inspect event channels, print and publish events."),
+    "events": ("events", "app", "Inspect event channels, print and publish events, list types."),
     "record": ("record", "record"),
     "replay": ("replay", "replay"),
     "convert": ("convert", "convert"),

@@ -17,7 +17,7 @@ import typer
 
 from robocorba.commands import event_stats
 from robocorba.commands.options import COMPLETIONS, ChannelName, Json, Naming, connected
-from robocorba.commands.tables import print_json, show
+from robocorba.commands.tables import Sheet, print_json, show
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
@@ -119,6 +119,23 @@ def push(
         with _event_client(orb, channel) as client:
             client.source = source
             client.push(type, value, priority=priority, expiry_s=expiry, retry_s=RESOLVE_TIMEOUT_S)
+
+
+@app.command()
+def types(json: Json = False) -> None:
+    """List the events that RoboCorba itself publishes: by whom, when, and with which payload."""
+    from robocorba.commands.event_types import event_types, members
+
+    rows = [(*row, members(payload) or payload) for *row, payload in event_types()]
+    titles = ("type", "source", "published", "payload")
+    if json:
+        print_json([dict(zip(titles, row, strict=True)) for row in rows])
+    else:
+        show(
+            Sheet(
+                titles, [(*row, payload if isinstance(payload, str) else ", ".join(payload)) for *row, payload in rows]
+            )
+        )
 
 
 @peer_app.command()

@@ -34,7 +34,6 @@ _FILE = typer.Argument(
     help=f"Name of a sample building, or a file: {', '.join(each.mark for each in known_formats() if each.read)}.",
 )
 _WRITTEN = written_formats()
-_WRITTEN_HELP = "; ".join(f"{name}: {each.title}" for name, each in _WRITTEN.items()) + "."
 _WITH_CELLS = " or ".join(name for name, each in _WRITTEN.items() if each.has_cells)
 
 
@@ -88,7 +87,15 @@ def export(
     context: typer.Context,
     file: Annotated[str, _FILE],
     output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File to write.")],
-    format_name: Annotated[str, typer.Option("--format", "-f", metavar="|".join(_WRITTEN), help=_WRITTEN_HELP)],
+    format_name: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            "-f",
+            metavar="|".join(_WRITTEN),
+            help="; ".join(f"{name}: {each.title}" for name, each in _WRITTEN.items()) + ".",
+        ),
+    ],
     resolution: Annotated[float, typer.Option(metavar="M", help=f"Cell size [m], with --format {_WITH_CELLS}.")] = 0.05,
     image: Annotated[
         str, typer.Option(metavar="KIND", help=f"Format of pictures, pgm or png, for {_WITH_CELLS}.")
