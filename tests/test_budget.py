@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_248,
+    "lines of code": 52_260,
     "classes": 967,
     "upper-case names of modules": 1_066,
     "kernels": 66,
@@ -23,8 +23,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_642, "testkit": 7_082, "bench": 9_299, "robocorba/console/static": 11_717}
-WORDS_AT_MOST = {"docs": 31_855, "README.md": 1_040, "CHANGELOG.md": 2_150}
+LINES_AT_MOST = {"tests": 53_626, "testkit": 7_082, "bench": 9_299, "robocorba/console/static": 11_717}
+WORDS_AT_MOST = {"docs": 31_855, "README.md": 1_038, "CHANGELOG.md": 2_149}
 
 
 @functools.cache

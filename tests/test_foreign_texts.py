@@ -33,7 +33,6 @@ from robocorba.system.settings import (
     ServerSettings,
     Settings,
     choose_instance,
-    instance_folders,
 )
 
 ADDRESSES = ("127.0.0.1:2809", "robot-1.example.org:1", "[::1]:65535", "localhost:80")
@@ -81,9 +80,10 @@ def test_arguments_win_over_the_environment_and_it_over_defaults(tmp_path: Path)
 
 def test_an_instance_wins_over_variables_and_yields_to_options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     other, folder = tmp_path / "other", tmp_path / "robocorba-anna"
-    given = {"ROBOCORBA_NAMING": "a:1", "ROBOCORBA_STATE": str(other), "ROBOCORBA_INSTANCE": "eve"}
-    for variable, value in {**given, "XDG_STATE_HOME": str(tmp_path)}.items():
-        monkeypatch.setenv(variable, value)
+    given = {"NAMING": "a:1", "STATE": str(other), "INSTANCE": "eve"}
+    for variable, value in given.items():
+        monkeypatch.setenv(f"ROBOCORBA_{variable}", value)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     assert Settings.read() == Settings(Address("a", 1), other)
     folder.mkdir()
     (folder / "up.json").write_text('{"naming": "c:3"}')
@@ -91,7 +91,6 @@ def test_an_instance_wins_over_variables_and_yields_to_options(tmp_path: Path, m
     assert RobotSettings.read(["A"]).common == Settings.read() == Settings(Address("c", 3), folder)
     assert Settings.read("b:2") == Settings(Address("b", 2), folder)
     assert Settings.read(state=other) == Settings(Address("127.0.0.1", 2809), other)
-    assert instance_folders() == {"anna": folder}
     (folder / "up.json").unlink()
     with pytest.raises(NotReachable, match="'anna' does not run"):
         Settings.read()

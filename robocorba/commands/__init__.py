@@ -4,10 +4,16 @@ It may import every room. Read first: this file, options (those that several com
 
 from __future__ import annotations
 
+import signal
+import sys
+
+if sys.argv[0].endswith(("/robocorba", "/robocorba/__main__.py")):
+    # Ctrl-C ends the command without a traceback; commands that clean up install handlers of their own.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import ast
 import contextlib
 import os
-import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path

@@ -83,7 +83,8 @@ def tail(
     naming: Naming = None,
 ) -> None:
     """Print events as they arrive, one per line, until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, signal.default_int_handler)
     try:
         with (
             connected("events tail", naming, OFFER_CALLBACKS if behind_nat else None) as orb,

@@ -73,10 +73,10 @@ def move_table(
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
     from robocorba.robot.programs.icons import MoveTable
 
-    stop = StopSignal()
     with connected("mission", naming) as orb:
         icon = msgspec.json.encode(MoveTable(table, parse_destination(to), recovery_timeout, carriers)).decode()
         control = RemoteMissionControl(orb)
+        stop = StopSignal()
         end = _print_progress(control, control.start(leader, icon), stop)
     line(end.result, f"{end.seconds:.1f} s", *filter(None, [end.reason]))
     if end.result != "done":

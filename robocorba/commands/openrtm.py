@@ -53,10 +53,10 @@ def openrtm(
     with connected("openrtm", naming, None if tools is None or tools.is_loopback else _EVERYWHERE) as orb:
         if tools is None and isinstance(orb.naming, RoleNaming):
             raise ServiceError("a guarded naming service binds no components: give --to")
-        stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)
         changes = system.begin(OUTAGE_LIMIT_S)
         served = ServedMap(orb, changes)
+        stop = StopSignal()
         with contextlib.ExitStack() as closing:
             closing.callback(system.close)
             names = closing.enter_context(contextlib.closing(orb.names_elsewhere(tools or orb.naming)))

@@ -14,9 +14,10 @@ from typer.main import get_command
 
 from robocorba.commands.reporting import reporting
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import ServiceError
 from robocorba.system.names import ADMINISTRATOR, CHANNELS, ROBOTS
-from robocorba.system.settings import InvalidSetting, Settings, choose_instance
+from robocorba.system.roles import Role
+from robocorba.system.settings import InvalidSetting, Settings, choose_instance, state_folder
 
 if TYPE_CHECKING:
     from robocorba.map_editor.model import Building
@@ -71,7 +72,10 @@ Naming = Annotated[
         metavar="HOST:PORT|FILE", help="Naming service, or a role's file. Default: that of the running system."
     ),
 ]
-State = Annotated[Path | None, typer.Option(metavar="DIR", help="State folder. Default: ROBOCORBA_STATE.")]
+State = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="State folder. Default: ROBOCORBA_STATE, else ~/.local/state/robocorba."),
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite a file that has other content.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
@@ -84,15 +88,15 @@ def served_building(orb: Orb, timeout_s: float = 3.0) -> Building:
     return native.loads(exported(orb, timeout_s), "the served map")
 
 
-def administrator(orb: Orb, settings: Settings) -> RemoteAdministrator:
-    """The simulation's administrator, for those who may read its state folder. Raises NotReachable."""
+def administrator(orb: Orb, state: Path | None) -> RemoteAdministrator:
+    """The simulation's administrator, for those who may read its state folder. Raises ServiceError."""
     from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 
-    file = settings.state / ADMINISTRATOR
+    file = state_folder(state) / ADMINISTRATOR
     if not file.exists():
-        raise NotReachable(
-            f"no simulation server runs in {settings.state} ({file.name} is missing); is `robocorba up` running, and "
-            "with this --state or ROBOCORBA_STATE?"
+        raise ServiceError(
+            f"no simulation server runs in {file.parent} ({file.name} is missing); is `robocorba up` running, and with "
+            "this --instance or --state?"
         )
     return RemoteAdministrator(orb, file)
 
@@ -148,18 +152,17 @@ def _with_instance(
 
 
 @contextlib.contextmanager
-def connected(command: str, naming: str | None, options: Mapping[str, str] | None = None) -> Iterator[Orb]:
-    """This command's ORB; errors are reported as by `reporting`."""
+def connected(
+    command: str,
+    naming: str | None,
+    options: Mapping[str, str] | None = None,
+    state: Path | None = None,
+    role: Role = Role.OPERATOR,
+) -> Iterator[Orb]:
+    """This command's ORB; errors are reported as by `reporting`, with a hint if no naming service answers."""
     from robocorba.orb.orb import Orb
 
     with reporting(command):
-        settings = Settings.read(naming=naming)
-        with Orb(settings.naming, options=options) as orb:
-            try:
-                yield orb
-            except NotReachable as error:
-                try:
-                    orb.check_naming()
-                except NotReachable:
-                    raise NotReachable(f"{error}; {settings.hint}") from None
-                raise
+        settings = Settings.read(naming, state, role=role)
+        with Orb(settings.naming, options=options) as orb, settings.hinting(orb.check_naming):
+            yield orb

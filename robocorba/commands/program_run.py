@@ -45,10 +45,10 @@ def run(
     from robocorba.robot.corba.remote_agent import RemoteAgent
     from robocorba.robot.programs.program import dumps
 
-    stop = StopSignal()
     with connected("program run", naming) as orb:
         agent = RemoteAgent(orb, robot)
         agent.load(dumps(read("run", file)))
+        stop = StopSignal()
         agent.run(step)
         with _keys() as keys:
             if keys is not None:

@@ -42,9 +42,9 @@ def record(
     """Record floors, postures, scans and missions of the running simulation, until Ctrl-C or SIGTERM."""
     with connected("record", naming) as orb:
         require_extra("foxglove" if foxglove else "recordings", "recordings")
-        stop = StopSignal()
         floors = floor or []
         RemoteFloors(orb, floors).follow(RESOLVE_TIMEOUT_S)  # reports errors before a file is created
+        stop = StopSignal()
         recording = foxglove_file if foxglove else compact_file
         with (
             contextlib.closing(live_system(orb, floors, with_scans=scans)) as system,

@@ -38,11 +38,12 @@ def stop(
         raise typer.BadParameter("name a robot, or give --all")
     only_for("a stop without --reset", not reset, context, "state")
     names = [] if all_robots else [name]
-    with connected("stop", naming) as orb:
+    with connected("stop", naming, state=state) as orb:
         settings = Settings.read(naming=naming, state=state)
         is_fine = _reset(orb, names, settings) if reset else _stop(orb, names, settings)
-    if not is_fine:
-        raise typer.Exit(1)
+        if not is_fine:
+            orb.check_naming()  # else the hint is printed too
+            raise typer.Exit(1)
 
 
 def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
@@ -76,7 +77,7 @@ def switch(
     arguments: Annotated[list[str] | None, typer.Argument(metavar="...", help="Arguments of it, after --.")] = None,
     naming: Naming = None,
 ) -> None:
-    """Switch a robot between virtual and actual robot. Refused while a program runs."""
+    """Switch a robot's agent between the virtual and the actual robot. Refused while a program runs."""
     from robocorba.robot.corba.remote_agent import RemoteAgent
 
     with connected("switch", naming) as orb:

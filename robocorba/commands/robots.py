@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from robocorba.commands.options import Naming, State, only_for
+from robocorba.commands.options import Naming, State, connected, only_for
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S
 from robocorba.system import logs
@@ -57,7 +57,6 @@ def robots(
     A robot that ends is shown with the reason, while the others continue. Exit code 0 if none did, else 1."""
     from robocorba.commands.compiling import compile_with_progress
     from robocorba.commands.fleet_view import FleetView
-    from robocorba.orb.orb import Orb
     from robocorba.simulation.corba.remote_database import RemoteDatabase
     from robocorba.system.supervision.fleet import Fleet
     from robocorba.system.supervision.fleet_file import group_of, read_fleet
@@ -77,7 +76,7 @@ def robots(
         claim_state(settings.state)
         logs.setup("robots", settings.state / "logs", with_stderr=not console.is_terminal)
         compile_with_progress(settings.state / "logs")
-        with Orb(settings.naming) as orb:
+        with connected("robots", naming, state=state, role=Role.ROBOT) as orb:
             floors, channels = RemoteDatabase(orb, RESOLVE_TIMEOUT_S).floors(), orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
             orders = orders_in(floors, channels)
             with FleetView(console) as view:

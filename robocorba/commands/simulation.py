@@ -9,13 +9,10 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import Json, RobotName, State, administrator, only_for
-from robocorba.commands.reporting import reporting
+from robocorba.commands.options import Json, RobotName, State, administrator, connected, only_for
 from robocorba.commands.tables import Sheet, print_json, show
-from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.system.printing import line
-from robocorba.system.settings import Settings
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -96,7 +93,5 @@ def step(
 
 @contextlib.contextmanager
 def _administrator(state: Path | None) -> Iterator[RemoteAdministrator]:
-    with reporting("simulation"):
-        settings = Settings.read(state=state)
-        with Orb(settings.naming) as orb:
-            yield administrator(orb, settings)
+    with connected("simulation", None, state=state) as orb:
+        yield administrator(orb, state)

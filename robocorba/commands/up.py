@@ -64,7 +64,11 @@ def up(
         bool, typer.Option("--bidirectional", help="Reach consumers behind NAT over the connections that they open.")
     ] = False,
     accept: Annotated[
-        str, typer.Option(metavar="ROBOTS,SECONDS", help="Add obstacles that ROBOTS see for SECONDS. Default: by hand.")
+        str,
+        typer.Option(
+            metavar="ROBOTS,SECONDS",
+            help="Add an obstacle to the map once ROBOTS robots have seen it for SECONDS. Default: by hand.",
+        ),
     ] = "",
     console: Annotated[
         bool, typer.Option("--console", help="Also serve the operator's console, to browsers on this machine.")

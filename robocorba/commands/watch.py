@@ -47,9 +47,8 @@ def watch(
     only_for("tables", not video, context, "once", "json")
     floors = floor or []
     with connected("watch", naming) as orb:
-        stop = StopSignal()
         if video:
-            film(Camera(orb, floors, width), video, seconds, fps, stop)
+            film(Camera(orb, floors, width), video, seconds, fps, StopSignal())
             return
         with contextlib.closing(RunningSimulation(orb, floors)) as simulation:
             tables = simulation.read(RESOLVE_TIMEOUT_S)
@@ -58,7 +57,7 @@ def watch(
             elif once:
                 show(*sheets(tables))
             else:
-                follow(simulation, tables, stop)
+                follow(simulation, tables, StopSignal())
 
 
 def follow(simulation: RunningSimulation, tables: Tables, stop: StopSignal) -> None:

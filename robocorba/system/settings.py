@@ -21,7 +21,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
@@ -205,13 +205,20 @@ class Settings:
     origin: str = field(default="", compare=False)
     instance: str = field(default="", compare=False)
 
-    @property
-    def hint(self) -> str:
-        """What a user may look at if the naming service does not answer."""
-        return (
-            f"is `robocorba up{self.instance and f' --instance {self.instance}'}` running? {self.naming} is from "
-            + (self.origin)
-        )
+    @contextlib.contextmanager
+    def hinting(self, check_naming: Callable[[], object]) -> Iterator[None]:
+        """Where a server is not reachable, and nor is the naming service, say what its address is from.
+
+        check_naming: calls it, and raises NotReachable."""
+        try:
+            yield
+        except NotReachable as error:
+            try:
+                check_naming()
+            except NotReachable:
+                up = f"robocorba up --instance {self.instance}" if self.instance else "robocorba up"
+                raise NotReachable(f"{error}; is `{up}` running? {self.naming} is from {self.origin}") from None
+            raise
 
     @classmethod
     def read(

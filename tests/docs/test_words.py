@@ -5,17 +5,14 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
-import pytest
 import typer
 
 from robocorba.commands import command
+from tests.docs.test_documents import PAGES
 from tests.test_budget import modules
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 #: What needs a second reading, and what to write instead.
 STUMBLES = {
     r"but for|apart from": "except",
@@ -66,20 +63,13 @@ def stumbles(text: str) -> list[str]:
     ]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_pages_have_plain_words(page: Path) -> None:
-    assert stumbles(_CODE.sub("", page.read_text()).replace("\n", " ")) == []
-
-
-def test_messages_have_plain_words() -> None:
-    assert [(where, found) for where, text in messages() if (found := stumbles(text))] == []
+def test_pages_and_messages_have_plain_words() -> None:
+    pages = [(page.name, _CODE.sub("", page.read_text()).replace("\n", " ")) for page in PAGES]
+    assert [(where, found) for where, text in (*pages, *messages()) if (found := stumbles(text))] == []
 
 
 def test_helps_have_plain_words_and_at_most_two_sentences() -> None:
-    poor = {}
     for words, text in helps():
         sentences = re.findall(r"[^.]\.(?: |$)", text.split("\n\n")[0])
-        is_short = 0 < len(sentences) <= 2
-        if stumbles(text) or not is_short or _POOR_STARTS.match(text) or "[default" in text:
-            poor[words] = text, stumbles(text)
-    assert poor == {}
+        assert 0 < len(sentences) <= 2 and not _POOR_STARTS.match(text) and "[default" not in text, (words, text)
+        assert stumbles(text) == [], words
