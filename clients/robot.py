@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import signal
+
+if __name__ == "__main__":  # Ctrl-C while modules are loaded ends the process without a traceback
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import contextlib
 import logging
 import math
 import secrets
+import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 
@@ -180,6 +186,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
         run(arguments)
     except (RoboCorbaError, CORBA.Exception) as error:
         fail(f"robot: {error_of(error)}")
+    except KeyboardInterrupt:  # while it starts
+        sys.exit(130)
 
 
 def run(arguments: Sequence[str] | None) -> None:
@@ -197,6 +205,7 @@ def run(arguments: Sequence[str] | None) -> None:
     wanted = program.load(settings.program) if settings.program else None
     start = Pose(settings.floor, *(settings.at or (0.0, 0.0, 0.0)))
     with Orb(settings.common.naming, settings.endpoint) as orb, contextlib.ExitStack() as stack:
+        stack.enter_context(settings.common.hinting(orb.check_naming))
         planner = RemotePlanner(orb)
         # Before logging on: while kernels compile, the robot sends no heartbeat, and its lease would expire.
         checker = Checker(planner)
@@ -281,4 +290,5 @@ def run(arguments: Sequence[str] | None) -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # logs off
     main()

@@ -5,40 +5,26 @@ Payloads of events are msgpack maps with the same members."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import msgspec
 
-from robocorba.map_editor.sightings import ObstaclesSeen
-from robocorba.map_editor.spatial.floor_format import FloorUpdateMap
+from robocorba.commands.event_types import event_types
 from robocorba.missions.messages import KINDS
 from robocorba.missions.subplan import VERSION, StoredPlan
 from robocorba.robot.programs import program
-from robocorba.simulation.emergency_stops import StopEvent
 from robocorba.simulation.mission_record import MissionContent
-from robocorba.simulation.simulation_event import SimulationEvent
-from robocorba.system.names import SIGHTING_EVENT, STOP_EVENT
 
 FOLDER = Path(__file__).resolve().parent / "schemas"
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
-#: A named tuple that is published as a map of its fields, those that are None left out.
-SIMULATION_EVENT = msgspec.defstruct(
-    SimulationEvent.__name__,
-    [
-        (name, hint, SimulationEvent._field_defaults[name]) if name in SimulationEvent._field_defaults else (name, hint)
-        for name, hint in get_type_hints(SimulationEvent).items()
-    ],
-    namespace={"__doc__": SimulationEvent.__doc__},
-)
-#: The payload of each type of events.
+#: The payload of each type of events that is a msgpack map.
 EVENTS: dict[str, Any] = {
-    **KINDS,
-    "simulation.*": SIMULATION_EVENT,
-    "floor.changed": FloorUpdateMap,
-    STOP_EVENT: StopEvent,
-    SIGHTING_EVENT: ObstaclesSeen,
+    re.sub(r"^simulation\..*", "simulation.*", type): payload
+    for type, _, _, payload in event_types()
+    if not isinstance(payload, str)
 }
 #: The documents that missions store in the Omni database, and the plans in data pools.
 DOCUMENTS: dict[str, Any] = {"mission_record": MissionContent, "plan": StoredPlan}

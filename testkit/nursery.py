@@ -24,7 +24,7 @@ from testkit.json_process import ROOT
 #: Timeout for loading a module, whose kernels may have to be compiled, and for a fork [s].
 LIMIT_S = 300.0
 #: What may differ between the environment of the nursery and that of a fork: modules do not read it when loaded.
-FREE_VARIABLES = ("ROBOCORBA_NAMING", "ROBOCORBA_STATE", "PYTEST_CURRENT_TEST")
+FREE_VARIABLES = ("ROBOCORBA_NAMING", "ROBOCORBA_STATE", "XDG_STATE_HOME", "PYTEST_CURRENT_TEST")
 
 
 class Nursery:

@@ -13,8 +13,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_268,
-    "classes": 966,
+    "lines of code": 52_480,
+    "classes": 967,
     "upper-case names of modules": 1_067,
     "kernels": 66,
     "functions compiled within kernels": 76,
@@ -23,8 +23,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_643, "testkit": 7_136, "bench": 9_299, "robocorba/console/static": 11_865}
-WORDS_AT_MOST = {"docs": 31_855, "README.md": 930, "CHANGELOG.md": 2_150}
+LINES_AT_MOST = {"tests": 53_900, "testkit": 7_136, "bench": 9_299, "robocorba/console/static": 11_865}
+WORDS_AT_MOST = {"docs": 31_900, "README.md": 930, "CHANGELOG.md": 2_150}
 
 
 @functools.cache

@@ -20,10 +20,20 @@ from hypothesis import strategies as st
 from rich.table import Table
 
 from robocorba.errors.files import LimitExceeded
+from robocorba.errors.services import NotReachable
 from robocorba.system.decoding import convert, decode_json, decode_msgpack, read_text
 from robocorba.system.plain_names import PlainNames, names_in, plain_name
 from robocorba.system.printing import Console, echo, line
-from robocorba.system.settings import Address, ChannelSettings, InvalidSetting, RoleNaming, ServerSettings, Settings
+from robocorba.system.settings import (
+    Address,
+    ChannelSettings,
+    InvalidSetting,
+    RobotSettings,
+    RoleNaming,
+    ServerSettings,
+    Settings,
+    choose_instance,
+)
 
 ADDRESSES = ("127.0.0.1:2809", "robot-1.example.org:1", "[::1]:65535", "localhost:80")
 
@@ -68,6 +78,30 @@ def test_arguments_win_over_the_environment_and_it_over_defaults(tmp_path: Path)
         Settings.read(state=other)
 
 
+def test_an_instance_wins_over_variables_and_yields_to_options(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other, folder = tmp_path / "other", tmp_path / "robocorba-anna"
+    given = {"NAMING": "a:1", "STATE": str(other), "INSTANCE": "eve"}
+    for variable, value in given.items():
+        monkeypatch.setenv(f"ROBOCORBA_{variable}", value)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    assert Settings.read() == Settings(Address("a", 1), other)
+    folder.mkdir()
+    (folder / "up.json").write_text('{"naming": "c:3"}')
+    choose_instance("anna")
+    assert RobotSettings.read(["A"]).common == Settings.read() == Settings(Address("c", 3), folder)
+    assert Settings.read("b:2") == Settings(Address("b", 2), folder)
+    assert Settings.read(state=other) == Settings(Address("127.0.0.1", 2809), other)
+    (folder / "up.json").unlink()
+    with pytest.raises(NotReachable, match="'anna' does not run"):
+        Settings.read()
+    assert Settings.read(is_start=True).naming.port > 2809
+    (folder / "ports.json").write_text('{"naming": 12345}')
+    assert Settings.read(is_start=True).naming.port == 12345
+    for wrong in ("", "a/b", "ä", "x" * 61):
+        with pytest.raises(InvalidSetting, match="--instance"):
+            choose_instance(wrong)
+
+
 def test_servers_and_channels_read_their_arguments(tmp_path: Path) -> None:
     common = ["--state", str(tmp_path), "--endpoint", "a:1", "--naming", "b:2"]
     server = ServerSettings(tmp_path, Address("a", 1), Address("b", 2), None)
@@ -99,6 +133,7 @@ import sys, threading
 import msgspec
 from robocorba.system.decoding import convert, decode_json, decode_msgpack, read_text
 from robocorba.errors.files import LimitExceeded
+from robocorba.errors.services import NotReachable
 from robocorba.system.settings import RoleNaming
 
 sys.setswitchinterval(1e-6)

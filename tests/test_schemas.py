@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,9 @@ import jsonschema
 import msgspec
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from robocorba.commands import command
 from robocorba.map_editor.spatial import floor_format
 from robocorba.map_editor.spatial.elevator_state import Doors, ElevatorState
 from robocorba.map_editor.spatial.floor_update import MOTION, WHOLE, Body, BodyKind, FloorUpdate
@@ -19,8 +23,11 @@ from robocorba.missions import messages, subplan
 from robocorba.simulation.corba.announcer import payload_of
 from robocorba.simulation.mission_record import MissionContent, PhaseRecord
 from robocorba.simulation.simulation_event import SimulationEvent
+from robocorba.system import names
+from tests.test_budget import modules
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
 
 IDLE = subplan.SubPlan(
     "B", "helper", (subplan.Idle(), subplan.CallCabin(elevator="E", destination="2", party="m", size=2))
@@ -49,6 +56,27 @@ def test_the_schemas_are_those_of_the_classes() -> None:
     assert found == {file.stem: file.read_text() for file in (DOCS / "schemas").glob("*.json")}
     for name in found:
         jsonschema.Draft202012Validator.check_schema(schema(name))
+
+
+def test_every_type_that_is_published_is_listed_with_the_members_of_its_schema() -> None:
+    published = set(messages.KINDS)  # which type_of takes them from
+    programs = [*(ROOT / "servers").glob("*.py"), ROOT / "clients" / "robot.py"]
+    for tree in (*modules().values(), *(ast.parse(file.read_text()) for file in programs)):
+        for call in (node for node in ast.walk(tree) if isinstance(node, ast.Call)):
+            name = getattr(call.func, "attr", getattr(call.func, "id", ""))
+            if name == "SimulationEvent":
+                published.add(f"simulation.{ast.literal_eval(call.args[2]).replace(' ', '_')}")
+            elif re.match("_?(push|publish)", name):
+                texts = [getattr(each, "value", vars(names).get(getattr(each, "id", ""))) for each in call.args]
+                published |= {text for text in texts if isinstance(text, str) and "." in text}
+    shown = CliRunner().invoke(command(["events"]), ["events", "types", "--json"]).output
+    listed = {each["type"]: each["payload"] for each in msgspec.json.decode(shown)}
+    assert listed.keys() == published
+    assert listed.pop("typed.floor_changed") == "TypedFloorUpdate"
+    events = schema("events")
+    for type, found in listed.items():
+        of_type = events["properties"][re.sub(r"simulation\..*", "simulation.*", type)]
+        assert [*found] == [*events["$defs"][of_type["$ref"].rpartition("/")[2]]["properties"]]
 
 
 def schema(name: str) -> dict[str, Any]:

@@ -4,10 +4,16 @@ It may import every room. Read first: this file, options (those that several com
 
 from __future__ import annotations
 
+import signal
+import sys
+
+if sys.argv[0].endswith(("/robocorba", "/robocorba/__main__.py")):
+    # Ctrl-C ends the command without a traceback; commands that clean up install handlers of their own.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+
 import ast
 import contextlib
 import os
-import sys
 from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -18,6 +24,7 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 from robocorba import __version__
+from robocorba.commands.options import add_instance
 from robocorba.system.printing import echo
 from robocorba.system.settings import typed_words
 
@@ -31,21 +38,21 @@ SUBCOMMANDS: dict[str, tuple[str, ...]] = {
     "doctor": ("doctor", "doctor"),
     "console": ("console", "console"),
     "watch": ("watch", "watch"),
-    "simulation": ("simulation", "app", "Set limit and pace of the simulation, and log robots off."),
-    "access": ("access", "app", "Files that give rights to a guarded system."),
+    "simulation": ("simulation", "app", "Pause and pace the simulation, limit its robots and log them off."),
+    "access": ("access", "app", "Create files with rights in a guarded system."),
     "backup": ("backup", "backup"),
     "restore": ("backup", "restore"),
     "robot": ("robot", "robot"),
     "robots": ("robots", "robots"),
     "stop": ("robot", "stop"),
     "switch": ("robot", "switch"),
-    "program": ("program_upload", "app", "Programs of robots: lists of icons."),
-    "robot-model": ("robot_model", "app", "Export the robot's model for other programs."),
+    "program": ("program_upload", "app", "Write, check and run robot programs, which are lists of icons."),
+    "robot-model": ("robot_model", "app", "Export the robot's model to other programs."),
     "map": ("map", "app", "Read, write, check and show map files."),
-    "samples": ("samples", "app", "Maps, programs and fleets to start from."),
+    "samples": ("samples", "app", "List and copy sample maps, programs and fleets."),
     "path": ("path", "path"),
-    "mission": ("mission", "app", "Missions of several robots."),
-    "events": ("events", "app", "Inspect event channels, print their events, publish events."),
+    "mission": ("mission", "app", "Start, watch and abort missions of several robots."),
+    "events": ("events", "app", "Inspect event channels, print and publish events, list types."),
     "record": ("record", "record"),
     "replay": ("replay", "replay"),
     "convert": ("convert", "convert"),
@@ -58,6 +65,10 @@ _HELP = ["-h", "--help"]
 
 class _Commands(TyperGroup):
     """Shows helps as they are written, since rich would take [...] for markup, and flags without a type."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        add_instance(self.commands.values())
 
     def main(self, *arguments: Any, **settings: Any) -> Any:
         waiting: list[Any] = [self]
@@ -76,7 +87,7 @@ def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) 
     """The command with these subcommands; loads their modules. only_for_help: loads none of them, which takes most of
     the time; `--help` lists them, and they do nothing."""
     app = typer.Typer(
-        help="A CORBA-based cooperative mobile robot system.",
+        help="Run a CORBA-based cooperative mobile robot system.",
         cls=_Commands,
         no_args_is_help=True,
         pretty_exceptions_enable=False,

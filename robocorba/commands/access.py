@@ -12,7 +12,7 @@ from robocorba.commands.reporting import reporting
 from robocorba.errors.services import ServiceError
 from robocorba.system.printing import line
 from robocorba.system.roles import Role
-from robocorba.system.settings import Settings, role_file
+from robocorba.system.settings import role_file, state_folder
 
 app = typer.Typer(no_args_is_help=True)
 
@@ -24,12 +24,13 @@ def access() -> None:
 
 @app.command()
 def robot(name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the robot.")], state: State = None) -> None:
-    """Print the file by which one robot takes part, as itself only: it binds its own name, logs on by it, publishes
-    events with it as their source, and stores missions that it leads. Remove the file to end that right."""
+    """Create the file of a robot's own rights, and print its path. Remove the file to withdraw the rights.
+
+    With it the robot may log on, bind its name, publish events and store missions, under its own name only."""
     with reporting("access"):
         from robocorba.system.supervision.access import Access
 
-        folder = Settings.read(state=state).state
+        folder = state_folder(state)
         if not os.access(role_file(folder, Role.ROBOT), os.R_OK):
             raise ServiceError(f"{folder} is not the state folder of a guarded system (`robocorba up --guarded`)")
         line(str(Access.read(folder).robot(name)))

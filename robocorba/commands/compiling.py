@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -22,6 +23,7 @@ def compile_with_progress(logs: Path) -> None:
     """Compile all kernels if this machine has not done so yet; show on stderr how far it is. See `compile_kernels`."""
     if store().is_complete:
         return
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # the bar and the workers end in order
     console = Console(stderr=True)
     if not console.is_terminal:
         compile_kernels(lines(lambda line: console.print(line, soft_wrap=True)), logs)

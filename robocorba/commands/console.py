@@ -10,6 +10,6 @@ from robocorba.system.extras import require_extra
 
 @forwarding("robocorba.clients.console", ConsoleSettings.parser())
 def console() -> None:
-    """Serve the operator's console: print its address, and serve until Ctrl-C or SIGTERM."""
+    """Serve the operator's console to browsers and print its address. Ctrl-C or SIGTERM ends it."""
     with reporting("console"):
         require_extra("console", "pages of the console")

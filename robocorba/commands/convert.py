@@ -17,17 +17,18 @@ from robocorba.system.printing import echo
 
 def convert(
     context: typer.Context,
-    recording: Annotated[Path, typer.Argument(metavar="IN", help="A recording of `robocorba record`.")],
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The MCAP file with Foxglove's messages, or the bag.")],
-    ros2: Annotated[bool, typer.Option("--ros2", help="Write a bag of ROS 2: a folder for `ros2 bag`.")] = False,
-    robots: Annotated[str, typer.Option(metavar="A,B", help="With --ros2: only these robots.")] = "",
+    recording: Annotated[Path, typer.Argument(metavar="IN", help="Recording that `robocorba record` wrote.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="MCAP file for Foxglove, or folder of the ROS 2 bag.")],
+    ros2: Annotated[bool, typer.Option("--ros2", help="Write a ROS 2 bag.")] = False,
+    robots: Annotated[str, typer.Option(metavar="A,B", help="With --ros2: only these robots. Default: all.")] = "",
     namespaced_tf: Annotated[
-        bool, typer.Option("--namespaced-tf", help="With --ros2: /ROBOT/tf with plain frames.")
+        bool, typer.Option("--namespaced-tf", help="With --ros2: write unprefixed frames to /ROBOT/tf.")
     ] = False,
-    force: Annotated[bool, typer.Option("--force", help="Replace OUT: a file, or a bag.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing OUT, file or bag.")] = False,
 ) -> None:
-    """Write a recording as an MCAP file with Foxglove's messages (scene, frames, poses, robots and log), or as a bag of
-    ROS 2 (odometry, scans, joints, frames, maps and clock). What OUT has is only replaced with --force, IN never."""
+    """Convert a recording for Foxglove: scene, frames, poses, robots and log.
+
+    With --ros2 write a bag for ROS 2: odometry, scans, joints, frames, maps and clock."""
     only_for("--ros2", ros2, context, "robots", "namespaced_tf")
     with reporting("convert"):
         check_output(out, [recording], replace=force)

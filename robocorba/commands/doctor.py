@@ -23,7 +23,7 @@ from robocorba.system.extras import missing
 from robocorba.system.kernel_store import store
 from robocorba.system.names import CHANNELS
 from robocorba.system.settings import Address, Settings
-from robocorba.system.state_folder import StateFolder
+from robocorba.system.state_folder import StateFolder, running_instances
 from robocorba.system.supervision.system import find_omninames
 
 #: Memory or disk space below which systems fail [bytes].
@@ -31,10 +31,11 @@ LOW = 256 * 2**20
 
 
 def doctor(json: Json = False, naming: Naming = None, state: State = None) -> None:
-    """Look at versions, machine, state folder, ports, processes and channels: text for a report of a defect. Exit code
-    0 if nothing is wrong, else 1."""
+    """Check versions, machine, state folder, ports, processes and channels, and print them for a bug report.
+
+    Exit code 0 if nothing is wrong, else 1."""
     with reporting("doctor"):
-        settings = Settings.read(naming=naming, state=state)
+        settings = Settings.read(naming=naming, state=state, is_start=True)
         record = StateFolder(settings.state).read_record()
         facts, processes, channels = [*_versions(), *_machine(), *_places(settings)], [], {}
         if record is not None and record.is_alive:
@@ -77,8 +78,9 @@ def _places(settings: Settings) -> Iterator[tuple[str, str, str]]:
     """State folder and ports."""
     folder, naming = settings.state, settings.naming
     is_used = naming.is_loopback and not is_free(naming.host, naming.port)
-    used = user_of(naming.port) if is_used else "not by a process of this machine"
+    used = user_of(naming.port) if is_used else "nothing on this machine"
     yield "naming service", f"{naming}, from {settings.origin}; used by {used}", ""
+    yield "instances that run", ", ".join(running_instances()) or "none", ""
     yield "state folder", str(folder) if folder.exists() else f"{folder}, which `robocorba up` makes", ""
     if folder.exists():
         free, damaged = shutil.disk_usage(folder).free, ", ".join(file.name for file in folder.rglob("*.damaged"))

@@ -17,7 +17,7 @@ import typer
 
 from robocorba.commands import event_stats
 from robocorba.commands.options import COMPLETIONS, ChannelName, Json, Naming, connected
-from robocorba.commands.tables import print_json, show
+from robocorba.commands.tables import Sheet, print_json, show
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.events import InvalidEvent
 from robocorba.errors.services import NotReachable
@@ -41,21 +41,22 @@ MAX_WAITING, MAX_QUEUED = 1000, 100_000
 MAX_CHARACTERS, MAX_BYTES, MAX_LEVELS = 300, 16, 20
 
 app = typer.Typer(no_args_is_help=True)
-peer_app = typer.Typer(help="Link channels, and remove links.", no_args_is_help=True)
+peer_app = typer.Typer(help="Link channels and remove links.", no_args_is_help=True)
 app.add_typer(peer_app, name="peer")
 
-_Peer = Annotated[str, typer.Argument(metavar="PEER", help="The name of the other channel.")]
+_Peer = Annotated[str, typer.Argument(metavar="PEER", help="Name of the other channel.")]
 
 
 @app.command()
 def stats(
     channels: Annotated[
-        list[str] | None, typer.Argument(metavar="[CHANNEL]...", autocompletion=COMPLETIONS["channel"])
+        list[str] | None,
+        typer.Argument(metavar="[CHANNEL]...", help="Default: all.", autocompletion=COMPLETIONS["channel"]),
     ] = None,
     json: Json = False,
     naming: Naming = None,
 ) -> None:
-    """Show proxies, links and event counts, by default of all. Exit code 0 if every channel answers, else 1."""
+    """Show proxies, links and event counts of channels. Exit code 0 if all answer, else 1."""
     with connected("events stats", naming) as orb:
         names = channels or orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
         if not names:
@@ -72,17 +73,18 @@ def stats(
 @app.command()
 def tail(
     channel: ChannelName,
-    type: Annotated[str, typer.Option(metavar="T", help="Only these types; * and ? are wildcards.")] = "*",
-    source: Annotated[str, typer.Option(metavar="S", help="Only these sources; * and ? are wildcards.")] = "*",
-    count: Annotated[int, typer.Option(metavar="N", min=0, help="End after N events; 0: never.")] = 0,
-    json: Annotated[bool, typer.Option("--json", help="Print a JSON object per line.")] = False,
+    type: Annotated[str, typer.Option(metavar="T", help="Only events of this type; * and ? are wildcards.")] = "*",
+    source: Annotated[str, typer.Option(metavar="S", help="Only events of this source; * and ? are wildcards.")] = "*",
+    count: Annotated[int, typer.Option(metavar="N", min=0, help="Stop after N events; 0: never.")] = 0,
+    json: Annotated[bool, typer.Option("--json", help="Print one JSON object per line.")] = False,
     behind_nat: Annotated[
-        bool, typer.Option("--behind-nat", help="Receive over the connection that this command opens.")
+        bool, typer.Option("--behind-nat", help="Receive behind NAT. Needs `robocorba up --bidirectional`.")
     ] = False,
     naming: Naming = None,
 ) -> None:
     """Print events as they arrive, one per line, until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for each in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(each, signal.default_int_handler)
     try:
         with (
             connected("events tail", naming, OFFER_CALLBACKS if behind_nat else None) as orb,
@@ -100,16 +102,16 @@ def tail(
 @app.command()
 def push(
     channel: ChannelName,
-    type: Annotated[str, typer.Argument(metavar="TYPE", help="Words separated by dots, such as robot.state.")],
-    payload: Annotated[str, typer.Argument(metavar="JSON", help="The payload.")],
-    source: Annotated[str, typer.Option(metavar="S", help="The source of the event.")] = "",
+    type: Annotated[str, typer.Argument(metavar="TYPE", help="Type: words separated by dots, such as robot.state.")],
+    payload: Annotated[str, typer.Argument(metavar="JSON", help="Payload, any JSON value.")],
+    source: Annotated[str, typer.Option(metavar="S", help="Source of the event.")] = "",
     priority: Annotated[
-        int, typer.Option(metavar="N", min=-32768, max=32767, help="A full queue discards low priorities first.")
+        int, typer.Option(metavar="N", min=-32768, max=32767, help="Priority in queues; low ones are lost first.")
     ] = 0,
-    expiry: Annotated[float, typer.Option(metavar="S", help="Seconds until the event expires; 0: never.")] = 0.0,
+    expiry: Annotated[float, typer.Option(metavar="S", help="Time until the event expires [s]; 0: never.")] = 0.0,
     naming: Naming = None,
 ) -> None:
-    """Push one event, with a JSON value as its payload."""
+    """Publish one event."""
     with connected("events push", naming) as orb:
         try:
             value = json_format.loads(payload)
@@ -120,17 +122,34 @@ def push(
             client.push(type, value, priority=priority, expiry_s=expiry, retry_s=RESOLVE_TIMEOUT_S)
 
 
+@app.command()
+def types(json: Json = False) -> None:
+    """List the events that RoboCorba itself publishes: by whom, when, and with which payload."""
+    from robocorba.commands.event_types import event_types, members
+
+    rows = [(*row, members(payload) or payload) for *row, payload in event_types()]
+    titles = ("type", "source", "published", "payload")
+    if json:
+        print_json([dict(zip(titles, row, strict=True)) for row in rows])
+    else:
+        show(
+            Sheet(
+                titles, [(*row, payload if isinstance(payload, str) else ", ".join(payload)) for *row, payload in rows]
+            )
+        )
+
+
 @peer_app.command()
 def add(
     channel: ChannelName,
     peer: _Peer,
     address: Annotated[
-        str, typer.Option(metavar="HOST:PORT|URI", help="Its address; default: look it up in the naming service.")
+        str, typer.Option(metavar="HOST:PORT|URI", help="Address of the peer. Default: that in the naming service.")
     ] = "",
-    foreign: Annotated[bool, typer.Option("--foreign", help="It supports CosEventChannelAdmin only.")] = False,
+    foreign: Annotated[bool, typer.Option("--foreign", help="Link a channel with only CosEventChannelAdmin.")] = False,
     naming: Naming = None,
 ) -> None:
-    """Link two channels permanently, in both directions."""
+    """Link two channels in both directions, until `remove`."""
     with connected("events peer add", naming) as orb:
         RemoteChannel(orb, channel).add_peer(peer, address, foreign)
 

@@ -21,7 +21,6 @@ from robocorba.simulation.corba.remote_simulation import simulation_server
 from robocorba.system.extras import require_extra
 from robocorba.system.printing import echo
 from robocorba.system.repeating import Repeating
-from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
     from robocorba.bridges.foxglove.live import LiveServer
@@ -35,25 +34,25 @@ CALL_TIMEOUT_S = 2.0
 def foxglove(
     context: typer.Context,
     host: Annotated[str, typer.Option(metavar="ADDRESS", help="Address to listen on.")] = "127.0.0.1",
-    port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65535, help="0: a free one.")] = 8765,
+    port: Annotated[int, typer.Option(metavar="PORT", min=0, max=65535, help="Port; 0: any free one.")] = 8765,
     scans: Annotated[bool, typer.Option("--scans/--no-scans", help="Show scans of robots' sensors.")] = True,
     steer: Annotated[
-        bool, typer.Option("--steer", help="Let clients pause the simulation and set its pace; needs --state.")
+        bool, typer.Option("--steer", help="Let Foxglove pause and pace the simulation. Needs the state folder.")
     ] = False,
     state: State = None,
     naming: Naming = None,
 ) -> None:
     """Show the running system in Foxglove, until Ctrl-C or SIGTERM."""
     only_for("--steer", steer, context, "state")
-    with connected("foxglove", naming) as orb:
+    with connected("foxglove", naming, state=state) as orb:
         require_extra("foxglove", "frames for Foxglove")
         from robocorba.bridges.foxglove.live import LiveServer
 
-        stop = StopSignal()
-        steering = administrator(orb, Settings.read(state=state)) if steer else None
+        steering = administrator(orb, state) if steer else None
         system = live_system(orb, with_scans=scans)
         changes = system.begin(OUTAGE_LIMIT_S)
         time_s, served = max((update.time for update in changes.updates), default=0.0), ServedMap(orb, changes)
+        stop = StopSignal()
         with (
             contextlib.closing(system),
             contextlib.closing(LiveServer(host, port, served.building, steer, time_s)) as server,

@@ -14,21 +14,23 @@ from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import StopSignal
 from robocorba.errors.services import ServiceError
 from robocorba.system.printing import line
-from robocorba.system.settings import Settings
+from robocorba.system.settings import state_folder
 from robocorba.system.state_folder import StateFolder
 
 
 def _logs(state: Path | None) -> dict[str, Path]:
-    return {file.stem: file for file in sorted(StateFolder(Settings.read(state=state).state).logs.glob("*.log"))}
+    return {file.stem: file for file in sorted(StateFolder(state_folder(state)).logs.glob("*.log"))}
 
 
 def logs(
-    name: Annotated[str, typer.Argument(help="The process.", autocompletion=lambda: list(_logs(None)))],
-    follow: Annotated[bool, typer.Option("--follow", "-f", help="Go on with new lines until Ctrl-C.")] = False,
-    lines: Annotated[int, typer.Option(metavar="N", min=0, max=100_000, help="Print the last N lines.")] = 50,
+    name: Annotated[
+        str, typer.Argument(help="Process, as `status` names it.", autocompletion=lambda: list(_logs(None)))
+    ],
+    follow: Annotated[bool, typer.Option("--follow", "-f", help="Also print new lines, until Ctrl-C.")] = False,
+    lines: Annotated[int, typer.Option(metavar="N", min=0, max=100_000, help="Number of lines from the end.")] = 50,
     state: State = None,
 ) -> None:
-    """Print the log of a process of the system."""
+    """Print the log of a process."""
     with reporting("logs", OSError), contextlib.ExitStack() as opened:
         files = _logs(state)
         if name not in files:

@@ -31,10 +31,9 @@ add_new(app, "one-room.yaml", "a map of two rooms with a door, a table, and a ro
 _FILE = typer.Argument(
     metavar="FILE",
     autocompletion=lambda: list(SAMPLES),
-    help=f"The name of a sample building, or a file: {', '.join(each.mark for each in known_formats() if each.read)}.",
+    help=f"Name of a sample building, or a file: {', '.join(each.mark for each in known_formats() if each.read)}.",
 )
 _WRITTEN = written_formats()
-_WRITTEN_HELP = ", ".join(f"{name}, {each.title}" for name, each in _WRITTEN.items())
 _WITH_CELLS = " or ".join(name for name, each in _WRITTEN.items() if each.has_cells)
 
 
@@ -49,24 +48,22 @@ Specks = Literal["keep", "walls", "all"]
 def import_(
     context: typer.Context,
     file: Annotated[str, _FILE],
-    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The native map file to write.")],
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="Map file to write.")],
     topology: Annotated[
-        bool, typer.Option("--topology", help="Generate a topological map for floors without edges; nodes stay.")
+        bool, typer.Option("--topology", help="Generate a topological map for floors without edges.")
     ] = False,
     radius: Annotated[
-        float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Robot radius for --topology.")
+        float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of robots that use the generated map [m].")
     ] = SMARTPAL_RADIUS_M,
     unknown: Annotated[
-        UnknownCells, typer.Option("--unknown", help="Whether unknown cells of ROS maps count as blocked or free.")
+        UnknownCells, typer.Option("--unknown", help="How to read unknown cells of ROS maps: blocked or free.")
     ] = "blocked",
     specks: Annotated[
-        Specks, typer.Option("--specks", help="Small regions of ROS maps: keep, remove those at walls, or all.")
+        Specks, typer.Option("--specks", help="Small spots in ROS maps to remove: none (keep), those at walls, or all.")
     ] = "walls",
     force: Force = False,
 ) -> None:
-    """Convert a map of any readable format to a native map file, and list what the conversion changes.
-
-    A file that exists with another content is only replaced with --force, FILE itself never."""
+    """Convert a map of another format to a RoboCorba map, and list what the conversion changes."""
     from robocorba.map_editor import checking, native
     from robocorba.system.output_files import write_outputs
 
@@ -89,15 +86,23 @@ def import_(
 def export(
     context: typer.Context,
     file: Annotated[str, _FILE],
-    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="The file to write.")],
-    format_name: Annotated[str, typer.Option("--format", "-f", metavar="|".join(_WRITTEN), help=_WRITTEN_HELP)],
-    resolution: Annotated[float, typer.Option(metavar="M", help=f"Side of a cell, for {_WITH_CELLS}.")] = 0.05,
-    image: Annotated[str, typer.Option(metavar="KIND", help=f"pgm or png, for {_WITH_CELLS}.")] = "pgm",
+    output: Annotated[Path, typer.Argument(metavar="OUTPUT", help="File to write.")],
+    format_name: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            "-f",
+            metavar="|".join(_WRITTEN),
+            help="; ".join(f"{name}: {each.title}" for name, each in _WRITTEN.items()) + ".",
+        ),
+    ],
+    resolution: Annotated[float, typer.Option(metavar="M", help=f"Cell size [m], with --format {_WITH_CELLS}.")] = 0.05,
+    image: Annotated[
+        str, typer.Option(metavar="KIND", help=f"Format of pictures, pgm or png, for {_WITH_CELLS}.")
+    ] = "pgm",
     force: Force = False,
 ) -> None:
-    """Write a map in another format, and list what the conversion changes.
-
-    Files that exist with another content are only replaced with --force, FILE itself never."""
+    """Write a map in another format, and list what the conversion changes."""
     from robocorba.system.output_files import write_outputs
 
     format = _WRITTEN.get(format_name)
@@ -116,11 +121,9 @@ def export(
 @app.command()
 def show(
     file: Annotated[str, _FILE],
-    picture: Annotated[
-        Path, typer.Option(metavar="FILE", help="The picture to write, in place of an earlier one.")
-    ] = Path("map.png"),
+    picture: Annotated[Path, typer.Option(metavar="FILE", help="Picture to write, replacing it.")] = Path("map.png"),
     floor: Annotated[str, typer.Option(metavar="NAME", help="Only this floor.")] = "",
-    width: Annotated[int, typer.Option(metavar="PIXELS", min=200, max=8000)] = 1200,
+    width: Annotated[int, typer.Option(metavar="PIXELS", min=200, max=8000, help="Width of the picture.")] = 1200,
 ) -> None:
     """Draw the floors of a map as a picture."""
     with reporting("map show", OSError):
@@ -140,14 +143,14 @@ def show(
 def check(
     file: Annotated[str, _FILE],
     radius: Annotated[
-        float, typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should reach every node.")
+        float,
+        typer.Option(metavar="M", min=0.0, max=1000.0, help="Radius of the robot that should reach every node [m]."),
     ] = SMARTPAL_RADIUS_M,
     json: Json = False,
 ) -> None:
-    """Check a map: exit code 0 if it is valid, else 1 and the file, line and key of the error.
+    """Check a map. Exit code 0 if it is valid, else 1 with the file, line and key of the error.
 
-    Warnings list what is blocked and what a robot of the radius can't reach. Warnings, notes, and what reading a
-    foreign format changes (import: ...) do not make a map invalid."""
+    Warnings list what is blocked and what a robot of --radius can't reach. A map with warnings is valid."""
     from robocorba.map_editor.checking import findings, summaries
 
     with reporting("map check", OSError):

@@ -24,7 +24,7 @@ from robocorba.errors.simulation import NoLeader
 from robocorba.system.extras import require_extra
 from robocorba.system.names import MISSIONS
 from robocorba.system.printing import echo, line
-from robocorba.system.settings import Settings
+from robocorba.system.settings import state_folder
 
 if TYPE_CHECKING:
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
@@ -41,39 +41,42 @@ app = typer.Typer(no_args_is_help=True)
 start_app = typer.Typer(help="Start a mission.", no_args_is_help=True)
 app.add_typer(start_app, name="start")
 LeaderName = Annotated[
-    str, typer.Option("--leader", metavar="ROBOT", help="The robot that leads (default: the nearest free one).")
+    str, typer.Option("--leader", metavar="ROBOT", help="Robot that leads. Default: the nearest free one.")
 ]
-MissionName = Annotated[str, typer.Argument(metavar="[MISSION]", help="The mission's name, as `list` shows it.")]
+MissionName = Annotated[str, typer.Argument(metavar="[MISSION]", help="Name of the mission, as `list` shows it.")]
 LeaderOption = Annotated[
-    str, typer.Option("--leader", metavar="ROBOT", help="Instead of a name: the mission that this robot leads.")
+    str, typer.Option("--leader", metavar="ROBOT", help="Robot that leads the mission, instead of a name.")
 ]
 
 
 @start_app.command("move-table")
 def move_table(
-    table: Annotated[str, typer.Option(metavar="NAME", help="The object to carry.")],
+    table: Annotated[str, typer.Option(metavar="NAME", help="Table, or other object, to carry.")],
     to: Annotated[
-        str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Pose of its middle at the goal, in m and rad.")
+        str, typer.Option(metavar="FLOOR:X,Y[,HEADING]", help="Goal of its centre [m], and heading there [rad].")
     ],
     leader: LeaderName = "",
     carriers: Annotated[
-        int | None, typer.Option(metavar="N", min=2, max=6, help="How many robots carry (default: by its mass).")
+        int | None, typer.Option(metavar="N", min=2, max=6, help="Number of carriers. Default: by its mass.")
     ] = None,
     recovery_timeout: Annotated[
-        float | None, typer.Option(metavar="S", min=1.0, max=3600.0, help="Limit for recovery from a fault [60].")
+        float | None,
+        typer.Option(metavar="S", min=1.0, max=3600.0, help="Limit for recovery from faults [s]. Default: 60."),
     ] = None,
     naming: Naming = None,
 ) -> None:
-    """Carry a table to a goal. The leader finds the helpers; Ctrl-C ends the mission safely. Exit code 0 if done."""
+    """Carry a table to a goal with helpers that the leader finds. Ctrl-C ends it safely.
+
+    Exit code 0 if the table is at its goal, else 1."""
     import msgspec
 
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
     from robocorba.robot.programs.icons import MoveTable
 
-    stop = StopSignal()
     with connected("mission", naming) as orb:
         icon = msgspec.json.encode(MoveTable(table, parse_destination(to), recovery_timeout, carriers)).decode()
         control = RemoteMissionControl(orb)
+        stop = StopSignal()
         end = _print_progress(control, control.start(leader, icon), stop)
     line(end.result, f"{end.seconds:.1f} s", *filter(None, [end.reason]))
     if end.result != "done":
@@ -82,7 +85,7 @@ def move_table(
 
 @app.command("list")
 def list_missions(naming: Naming = None, as_json: Json = False) -> None:
-    """List the missions of the building, wherever they were started: running ones, and the latest ones that ended."""
+    """List missions that run and the latest that have ended, wherever they were started."""
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 
     with connected("mission", naming) as orb:
@@ -113,7 +116,7 @@ def status(
     naming: Naming = None,
     as_json: Json = False,
 ) -> None:
-    """Show the phases of a mission; with --leader the plan and phase of the one that a robot leads, or led last."""
+    """Show the phases of a mission. With --leader, show the plan and the present phase."""
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
 
     only_for("a mission by its name", name or not leader, context, "as_json")
@@ -145,8 +148,9 @@ def status(
 
 @app.command()
 def abort(name: MissionName = "", leader: LeaderOption = "", naming: Naming = None) -> None:
-    """Abort a mission, or with --leader the one that a robot leads: all robots put down what they hold, and are free.
-    With a name, no other mission can be hit."""
+    """Abort a mission. Its robots put down what they hold and are free again.
+
+    Prefer the name: with --leader you abort whatever the robot leads when the command arrives."""
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
     from robocorba.robot.corba.remote_agent import RemoteAgent
 
@@ -159,20 +163,21 @@ def abort(name: MissionName = "", leader: LeaderOption = "", naming: Naming = No
 
 @app.command()
 def report(
-    mission: Annotated[str, typer.Argument(help="Its name, or the beginning of it (default: the latest).")] = "",
+    mission: Annotated[str, typer.Argument(help="Name of the mission, or its beginning. Default: the latest.")] = "",
     state: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The state folder of the leader [ROBOCORBA_STATE].")
+        Path | None, typer.Option(metavar="DIR", help="State folder of the leader. Default: ROBOCORBA_STATE.")
     ] = None,
     as_json: Json = False,
     naming: Naming = None,
 ) -> None:
-    """Print the report of a mission that has ended, and write it as a web page beside its JSON. A mission without a
-    report in the state folder is looked up, by its full name, in the running system."""
+    """Print the report of a mission that has ended, and write it as a web page beside its JSON.
+
+    If the state folder has no report, the full name is looked up in the running system."""
     from robocorba.missions import page, timeline
     from robocorba.missions.report import REPORT_FILE
 
     with reporting("mission"):
-        folder = Settings.read(state=state).state / MISSIONS
+        folder = state_folder(state) / MISSIONS
         pattern = f"{glob.escape(mission)}*/{REPORT_FILE}"
         found = sorted(folder.glob(pattern), key=lambda file: file.stat().st_mtime)
         if found:
@@ -209,9 +214,8 @@ def _is_by_name(name: str, leader: str) -> bool:
 
 def _remote_report(mission: str, naming: str | None) -> dict[str, Any]:
     from robocorba.missions.corba.remote_mission_control import RemoteMissionControl
-    from robocorba.orb.orb import Orb
 
-    with Orb(Settings.read(naming=naming).naming) as orb:
+    with connected("mission", naming) as orb:
         control = RemoteMissionControl(orb)
         if control.mission(mission).content.is_running:
             raise ServiceError(f"mission {mission!r} is still running; `robocorba mission status` shows its phases")

@@ -38,25 +38,25 @@ _EVERYWHERE = {"endPoint": "giop:tcp::"}
 
 
 def openrtm(
-    robots: Annotated[str, typer.Option(metavar="A,B", help="Only these robots; without it all.")] = "",
+    robots: Annotated[str, typer.Option(metavar="A,B", help="Offer only these robots. Default: all.")] = "",
     to: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="OpenRTM's naming service; without it the system's own.")
+        str, typer.Option(metavar="HOST:PORT", help="Naming service of OpenRTM. Default: that of the system.")
     ] = "",
     scan_rate: Annotated[
-        float, typer.Option(metavar="HZ", min=0.0, max=40.0, help="Laser scans a second of each robot; 0: none.")
+        float, typer.Option(metavar="HZ", min=0.0, max=40.0, help="Laser scans per second of each robot; 0: none.")
     ] = 10.0,
     naming: Naming = None,
 ) -> None:
-    """Show each robot as a component of OpenRTM, until Ctrl-C or SIGTERM: pose, floor and ranges out, velocity in."""
+    """Offer each robot as an OpenRTM component, until Ctrl-C or SIGTERM: pose, floor and ranges out, velocity in."""
     with reporting("openrtm"):
         tools = Address.parse(to, "--to") if to else None
     with connected("openrtm", naming, None if tools is None or tools.is_loopback else _EVERYWHERE) as orb:
         if tools is None and isinstance(orb.naming, RoleNaming):
             raise ServiceError("a guarded naming service binds no components: give --to")
-        stop = StopSignal()
         system = live_system(orb, with_scans=scan_rate > 0.0)
         changes = system.begin(OUTAGE_LIMIT_S)
         served = ServedMap(orb, changes)
+        stop = StopSignal()
         with contextlib.ExitStack() as closing:
             closing.callback(system.close)
             names = closing.enter_context(contextlib.closing(orb.names_elsewhere(tools or orb.naming)))

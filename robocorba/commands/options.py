@@ -7,15 +7,17 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.main import get_command
 
 from robocorba.commands.reporting import reporting
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.services import NotReachable
+from robocorba.errors.services import ServiceError
 from robocorba.system.names import ADMINISTRATOR, CHANNELS, ROBOTS
-from robocorba.system.settings import Settings
+from robocorba.system.roles import Role
+from robocorba.system.settings import InvalidSetting, Settings, choose_instance, state_folder
 
 if TYPE_CHECKING:
     from robocorba.map_editor.model import Building
@@ -58,20 +60,23 @@ RobotName = Annotated[
     str, typer.Argument(metavar="ROBOT", help="Name of the robot.", autocompletion=COMPLETIONS["robot"])
 ]
 ChannelName = Annotated[
-    str, typer.Argument(metavar="CHANNEL", help="The channel's name.", autocompletion=COMPLETIONS["channel"])
+    str, typer.Argument(metavar="CHANNEL", help="Name of the channel.", autocompletion=COMPLETIONS["channel"])
 ]
 Floors = Annotated[
     list[str] | None,
-    typer.Option(metavar="F", help="Only this floor; repeatable.", autocompletion=COMPLETIONS["floor"]),
+    typer.Option(metavar="F", help="Only this floor. Repeatable.", autocompletion=COMPLETIONS["floor"]),
 ]
 Naming = Annotated[
     str | None,
     typer.Option(
-        metavar="HOST:PORT", help="The naming service [ROBOCORBA_NAMING, that of the state folder, 127.0.0.1:2809]."
+        metavar="HOST:PORT|FILE", help="Naming service, or a role's file. Default: that of the running system."
     ),
 ]
-State = Annotated[Path | None, typer.Option(metavar="DIR", help="The state folder [ROBOCORBA_STATE].")]
-Force = Annotated[bool, typer.Option("--force", help="Replace what exists with another content.")]
+State = Annotated[
+    Path | None,
+    typer.Option(metavar="DIR", help="State folder. Default: ROBOCORBA_STATE, else ~/.local/state/robocorba."),
+]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite a file that has other content.")]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 
 
@@ -83,43 +88,81 @@ def served_building(orb: Orb, timeout_s: float = 3.0) -> Building:
     return native.loads(exported(orb, timeout_s), "the served map")
 
 
-def administrator(orb: Orb, settings: Settings) -> RemoteAdministrator:
-    """The simulation's administrator, for those who may read its state folder. Raises NotReachable."""
+def administrator(orb: Orb, state: Path | None) -> RemoteAdministrator:
+    """The simulation's administrator, for those who may read its state folder. Raises ServiceError."""
     from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 
-    file = settings.state / ADMINISTRATOR
+    file = state_folder(state) / ADMINISTRATOR
     if not file.exists():
-        raise NotReachable(
-            f"no simulation server runs in {settings.state} ({file.name} is missing); is `robocorba up` running, and "
-            "with this --state or ROBOCORBA_STATE?"
+        raise ServiceError(
+            f"no simulation server runs in {file.parent} ({file.name} is missing); is `robocorba up` running, and with "
+            "this --instance or --state?"
         )
     return RemoteAdministrator(orb, file)
+
+
+def is_given(context: typer.Context, parameter: str) -> bool:
+    """Whether a parameter is on the command line."""
+    source = context.get_parameter_source(parameter)
+    return source is not None and source.name == "COMMANDLINE"
 
 
 def only_for(purpose: str, applies: object, context: typer.Context, *parameters: str) -> None:
     """Refuse parameters that are on the command line and have no effect. purpose: what they are for. applies: whether
     the command line asks for that. Raises BadParameter."""
     for parameter in context.command.params if not applies else ():
-        name = parameter.name or ""
-        source = context.get_parameter_source(name)
-        if name in parameters and source and source.name == "COMMANDLINE":
+        if parameter.name in parameters and is_given(context, parameter.name):
             raise typer.BadParameter(f"it has no effect, it is for {purpose}", param_hint=f"'{parameter.opts[-1]}'")
 
 
+def add_instance(commands: Iterable[Any]) -> None:
+    """Let each command that takes --naming or --state take --instance, which replaces the defaults of both."""
+    app = typer.Typer(add_completion=False)
+    app.command()(_with_instance)
+    (option,) = get_command(app).params
+    waiting = [*commands]
+    for each in waiting:
+        waiting += getattr(each, "commands", {}).values()
+        names = [parameter.name for parameter in each.params]
+        if of_system := {"naming", "state"} & {*names}:
+            each.params.insert(min(map(names.index, of_system)), option)
+
+
+def _choose_instance(name: str | None) -> None:
+    try:
+        if name is not None:
+            choose_instance(name)
+    except InvalidSetting as error:
+        raise typer.BadParameter(error.reason) from None
+
+
+def _with_instance(
+    instance: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="One of several systems on this machine. Default: ROBOCORBA_INSTANCE.",
+            callback=_choose_instance,
+            expose_value=False,
+            is_eager=True,
+        ),
+    ] = None,
+) -> None:
+    """Has the option for add_instance."""
+
+
 @contextlib.contextmanager
-def connected(command: str, naming: str | None, options: Mapping[str, str] | None = None) -> Iterator[Orb]:
-    """This command's ORB; errors are reported as by `reporting`."""
+def connected(
+    command: str,
+    naming: str | None,
+    options: Mapping[str, str] | None = None,
+    state: Path | None = None,
+    role: Role = Role.OPERATOR,
+) -> Iterator[Orb]:
+    """This command's ORB; errors are reported as by `reporting`, with a hint if no naming service answers."""
     from robocorba.orb.orb import Orb
 
     with reporting(command):
-        settings = Settings.read(naming=naming)
-        with Orb(settings.naming, options=options) as orb:
-            try:
-                yield orb
-            except NotReachable as error:
-                try:
-                    orb.check_naming()
-                except NotReachable:
-                    hint = f"is `robocorba up` running? {settings.naming} is from {settings.origin}"
-                    raise NotReachable(f"{error}; {hint}") from None
-                raise
+        settings = Settings.read(naming, state, role=role)
+        with Orb(settings.naming, options=options) as orb, settings.hinting(orb.check_naming):
+            yield orb

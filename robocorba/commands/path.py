@@ -32,25 +32,26 @@ if TYPE_CHECKING:
 
 
 def path(
-    start: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Start; coordinates in metres.")],
-    goal: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Goal; coordinates in metres.")],
+    start: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Start point [m].")],
+    goal: Annotated[str, typer.Argument(metavar="FLOOR:X,Y", help="Goal point [m].")],
     picture: Annotated[
-        File | None, typer.Option(metavar="FILE", help="Draw the path into this PNG, in place of an earlier one.")
+        File | None, typer.Option(metavar="FILE", help="Draw the path in this PNG file, replacing it.")
     ] = None,
     mode: Annotated[
-        Literal["smoothed", "topological", "geometric"], typer.Option(help="Roads with corners cut, roads, or lines.")
+        Literal["smoothed", "topological", "geometric"],
+        typer.Option(help="How to drive: along roads with corners cut, exactly along roads, or in straight lines."),
     ] = "smoothed",
-    fastest: Annotated[bool, typer.Option("--time", help="Minimize the duration instead of the distance.")] = False,
-    radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot in metres.")] = SMARTPAL_RADIUS_M,
-    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot in m/s.")] = SMARTPAL_SPEED_M_S,
+    fastest: Annotated[bool, typer.Option("--time", help="Minimize time instead of distance.")] = False,
+    radius: Annotated[float, typer.Option(metavar="M", help="Radius of the robot [m].")] = SMARTPAL_RADIUS_M,
+    speed: Annotated[float, typer.Option(metavar="M/S", help="Speed of the robot [m/s].")] = SMARTPAL_SPEED_M_S,
     avoid: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Avoid an elevator, or FLOOR/AREA; repeatable.")
+        list[str] | None, typer.Option(metavar="NAME", help="Elevator to avoid, or area as FLOOR/AREA. Repeatable.")
     ] = None,
     graph: Annotated[
-        str, typer.Option(metavar="NAME", help="Only edges of this navigation graph, and edges that name no graph.")
+        str, typer.Option(metavar="NAME", help="Use only edges of this navigation graph, and those of no graph.")
     ] = "",
     alternatives: Annotated[
-        int, typer.Option(metavar="N", min=0, max=MAX_ALTERNATIVES, help="Number of alternative paths.")
+        int, typer.Option(metavar="N", min=0, max=MAX_ALTERNATIVES, help="Number of further paths to offer.")
     ] = 0,
     json: Json = False,
     naming: Naming = None,

@@ -16,14 +16,13 @@ import typer
 from rich.text import Text
 from rich.tree import Tree
 
-from robocorba.commands.options import Json
+from robocorba.commands.options import Json, connected, is_given
 from robocorba.commands.path import parse_place
 from robocorba.commands.reporting import reporting
 from robocorba.commands.samples import add_new
 from robocorba.commands.tables import print_json
 from robocorba.errors.robots import InvalidProgram
 from robocorba.system.printing import Console, echo, line
-from robocorba.system.settings import Settings
 
 if TYPE_CHECKING:
     from robocorba.robot.programs.base_checks import Planner
@@ -33,30 +32,32 @@ if TYPE_CHECKING:
 app = typer.Typer(no_args_is_help=True)
 add_new(app, "drive.json", "a program with drives on floor L1 of the sample building five-floors")
 
-_FILE = typer.Argument(metavar="FILE", help="A program, or - for the standard input.")
+_FILE = typer.Argument(metavar="FILE", help="Program file, or - for the standard input.")
 
 
 @app.command()
 def check(
+    context: typer.Context,
     file: Annotated[File, _FILE],
-    at: Annotated[
-        str | None, typer.Option(metavar="FLOOR:X,Y", help="Start of the robot; coordinates in metres.")
-    ] = None,
-    heading: Annotated[float | None, typer.Option(metavar="RAD", help="Heading at the start.")] = None,
+    at: Annotated[str | None, typer.Option(metavar="FLOOR:X,Y", help="Start point of the robot [m].")] = None,
+    heading: Annotated[float | None, typer.Option(metavar="RAD", help="Heading at the start [rad].")] = None,
     building: Annotated[
-        str | None, typer.Option(metavar="MAP", help="Check drives on this map: a file, or a sample building's name.")
+        str | None, typer.Option(metavar="MAP", help="Check drives on this map: a file or the name of a sample.")
     ] = None,
     naming: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="Check drives by the planner of this naming service.")
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Check drives on the map of the system with this naming service."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Check a program before it runs: exit code 0 if it has no findings, else 1 with every wrong icon and parameter.
-    Needs no server; without a map it does not check drives."""
+    """Check a program without running it. Exit code 0 if it is valid, else 1 with every wrong icon and parameter.
+
+    Needs no server. To check drives too, give --building, --naming or --instance."""
     with reporting("program check"):
         place = parse_place(at, "at") if at else None
-        if building and naming:
-            raise typer.BadParameter("give --building or --naming, not both")
+        is_served = bool(naming) or is_given(context, "instance")
+        if building and is_served:
+            raise typer.BadParameter("give --building, --naming or --instance")
         program = read("check", file)
 
         from robocorba.robot.kinematics.inverse import InverseKinematics
@@ -64,7 +65,7 @@ def check(
         from robocorba.robot.programs.checker import check as check_program
         from robocorba.robot.programs.program import icons_with_paths
 
-        with _planner(building, naming) as planner:
+        with _planner(building, naming, is_served) as planner:
             report = check_program(program, InverseKinematics(), planner, Start(place, heading))
         count = sum(1 for _ in icons_with_paths(program))
         if as_json:
@@ -90,7 +91,7 @@ def show(file: Annotated[File, _FILE]) -> None:
 
 @app.command()
 def schema() -> None:
-    """Print the JSON schema of programs, for editors that validate while typing."""
+    """Print the JSON schema of programs, for editors that validate as you type."""
     from robocorba.robot.programs.program import schema as found
 
     echo(json.dumps(found(), indent=2))
@@ -150,19 +151,18 @@ def _value(value: Any) -> str:
 
 
 @contextlib.contextmanager
-def _planner(building: str | None, naming: str | None) -> Iterator[Planner | None]:
-    """A planner for the map, None without a map."""
+def _planner(building: str | None, naming: str | None, is_served: bool) -> Iterator[Planner | None]:
+    """A planner for a map file, or for the served map; None for neither."""
     if building:
         from robocorba.map_editor.formats import read_map
         from robocorba.map_editor.samples import map_file
         from robocorba.planning.planner import PathPlanner
 
         yield PathPlanner(read_map(map_file(building)).building)
-    elif naming:
-        from robocorba.orb.orb import Orb
+    elif is_served:
         from robocorba.planning.corba.remote_planner import RemotePlanner
 
-        with Orb(Settings.read(naming=naming).naming) as orb:
+        with connected("program check", naming) as orb:
             yield RemotePlanner(orb)
     else:
         yield None

@@ -32,23 +32,23 @@ KEYS = "p: pause  r: resume  s: step  q: end"
 
 @app.command()
 def run(
-    file: Annotated[File, typer.Argument(metavar="FILE", help="A program, or - for the standard input.")],
+    file: Annotated[File, typer.Argument(metavar="FILE", help="Program file, or - for the standard input.")],
     robot: Annotated[
-        str, typer.Option(metavar="NAME", help="The robot to run it on.", autocompletion=COMPLETIONS["robot"])
+        str, typer.Option(metavar="NAME", help="Robot to run it on.", autocompletion=COMPLETIONS["robot"])
     ],
     step: Annotated[bool, typer.Option("--step", help="Pause before each icon.")] = False,
     naming: Naming = None,
 ) -> None:
-    """Run a program on a robot, and print each icon that begins. Ctrl-C ends the program; the robot stops.
+    """Run a program on a robot and print each icon as it begins. Ctrl-C ends the program and stops the robot.
 
-    Exit code 0 if the program is done. In a terminal p pauses, s steps, r resumes, q ends."""
+    Exit code 0 if the program completes. In a terminal p pauses, s steps, r resumes, q ends."""
     from robocorba.robot.corba.remote_agent import RemoteAgent
     from robocorba.robot.programs.program import dumps
 
-    stop = StopSignal()
     with connected("program run", naming) as orb:
         agent = RemoteAgent(orb, robot)
         agent.load(dumps(read("run", file)))
+        stop = StopSignal()
         agent.run(step)
         with _keys() as keys:
             if keys is not None:
@@ -135,10 +135,10 @@ _add_order("abort", "End a robot's program.")
 @app.command()
 def answer(
     robot: RobotName,
-    yes: Annotated[str, typer.Argument(metavar="yes|no", help="The answer; without it the question is printed.")] = "",
+    yes: Annotated[str, typer.Argument(metavar="yes|no", help="Answer. Without it, print the question.")] = "",
     naming: Naming = None,
 ) -> None:
-    """Answer what a robot's program asks by the icon `confirm`. Exit code 1 if it asks nothing."""
+    """Answer a question that a robot's program asks with the icon `confirm`. Exit code 1 if it asks none."""
     from robocorba.robot.corba.remote_agent import RemoteAgent
 
     if yes not in ("yes", "no", ""):

@@ -16,21 +16,22 @@ from robocorba.system.printing import line
 
 __all__ = ["app"]
 
-_WHERE = "The robot's name, or HOST:PORT of its computer."
+_WHERE = "Name of the robot, or HOST:PORT of its computer."
 
 
 @app.command()
 def upload(
-    file: Annotated[File, typer.Argument(metavar="FILE", help="A program, or - for the standard input.")],
+    file: Annotated[File, typer.Argument(metavar="FILE", help="Program file, or - for the standard input.")],
     robot: Annotated[str, typer.Option(metavar="NAME|HOST:PORT", help=_WHERE)],
     checked_by: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The robot that checks it first, such as a virtual one.")
+        str | None, typer.Option(metavar="NAME", help="Robot that checks the program first, such as a virtual one.")
     ] = None,
-    run: Annotated[bool, typer.Option("--run", help="Run it at once.")] = False,
+    run: Annotated[bool, typer.Option("--run", help="Also run the program now.")] = False,
     naming: Naming = None,
 ) -> None:
-    """Upload a program to a robot's own computer, where `robocorba robot --agent-only` keeps it and runs it without
-    this one. It is refused if map, robot or program are not those that it was checked against."""
+    """Upload a program to a robot's own computer, on which `robocorba robot --agent-only` runs.
+
+    Refused if map, robot or program have changed since the check."""
     from robocorba.robot.corba.remote_agent import RemoteAgent
     from robocorba.robot.programs.program import dumps
 
@@ -48,11 +49,11 @@ def upload(
 @app.command()
 def reports(
     robot: Annotated[str, typer.Argument(metavar="NAME|HOST:PORT", help=_WHERE)],
-    since: Annotated[str, typer.Option(metavar="NEXT", help="Those after an answer, by its `next` in JSON.")] = "",
+    since: Annotated[str, typer.Option(metavar="NEXT", help="Only those after the `next` of an earlier JSON.")] = "",
     as_json: Json = False,
     naming: Naming = None,
 ) -> None:
-    """Print how programs have ended on a robot's own computer, also those that ended while nobody could reach it."""
+    """Print how programs ended on a robot's own computer, even while it was out of reach."""
     from robocorba.robot.corba.remote_agent import RemoteAgent
 
     with connected("program reports", naming) as orb:

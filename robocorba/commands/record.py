@@ -29,21 +29,22 @@ Write = Callable[[SystemChanges, float], None]
 
 
 def record(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording to write, such as monday.mcap.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to write, such as monday.mcap.")],
     floor: Floors = None,
-    seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Duration [s]; 0: until Ctrl-C.")] = 0.0,
+    seconds: Annotated[float, typer.Option(metavar="S", min=0.0, help="Length [s]; 0: until Ctrl-C.")] = 0.0,
     scans: Annotated[bool, typer.Option("--scans/--no-scans", help="Record scans of robots' sensors.")] = True,
-    foxglove: Annotated[bool, typer.Option("--foxglove", help="Write Foxglove's messages instead of ours.")] = False,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="Write messages for Foxglove, not for `replay`.")
+    ] = False,
     force: Force = False,
     naming: Naming = None,
 ) -> None:
-    """Record the running simulation: floors up to 20 times a second, postures, scans and missions, until Ctrl-C or
-    SIGTERM or for --seconds."""
+    """Record floors, postures, scans and missions of the running simulation, until Ctrl-C or SIGTERM."""
     with connected("record", naming) as orb:
         require_extra("foxglove" if foxglove else "recordings", "recordings")
-        stop = StopSignal()
         floors = floor or []
         RemoteFloors(orb, floors).follow(RESOLVE_TIMEOUT_S)  # reports errors before a file is created
+        stop = StopSignal()
         recording = foxglove_file if foxglove else compact_file
         with (
             contextlib.closing(live_system(orb, floors, with_scans=scans)) as system,

@@ -40,25 +40,26 @@ Draw = Callable[[float, FloorView], bytes]
 
 def replay(
     context: typer.Context,
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording.")],
-    floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show this floor only; repeatable.")] = None,
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Recording to play.")],
+    floor: Annotated[list[str] | None, typer.Option(metavar="F", help="Show only this floor. Repeatable.")] = None,
     speed: Annotated[
-        float, typer.Option(metavar="X", min=0.01, max=1000.0, help="Speed relative to the recording.")
+        float, typer.Option(metavar="X", min=0.01, max=1000.0, help="Playback speed; 2: twice as fast as recorded.")
     ] = 1.0,
     at: Annotated[
-        float | None, typer.Option(metavar="S", min=0.0, help="Show only the state at this time [s].")
+        float | None, typer.Option(metavar="S", min=0.0, help="Show only the state at this time after the start [s].")
     ] = None,
     png: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw --at S, or the end, in place of an earlier picture.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Draw the state at --at, or at the end, in this PNG file, replacing it."),
     ] = None,
     video: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file, in place of an earlier one.")
+        Path | None, typer.Option(metavar="FILE", help="Write a video of one floor to this MP4 file, replacing it.")
     ] = None,
-    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
-    width: Annotated[int, typer.Option(metavar="PX", help="Width of the picture or video.")] = 960,
-    json: Annotated[bool, typer.Option("--json", help="Print the state --at S, or at the end, as JSON.")] = False,
+    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Frames per second of the video.")] = 10,
+    width: Annotated[int, typer.Option(metavar="PX", help="Width of the picture or video [pixels].")] = 960,
+    json: Annotated[bool, typer.Option("--json", help="Print the state at --at, or at the end, as JSON.")] = False,
 ) -> None:
-    """Show a recording."""
+    """Play a recording as tables, or write a picture or a video of it."""
     only_for("tables", not (png or video), context, "json")
     only_for("--video", video, context, "fps")
     only_for("--png and --video", png or video, context, "width")

@@ -17,32 +17,33 @@ if TYPE_CHECKING:
 
 @forwarding("robocorba.clients.robot", RobotSettings.parser())
 def robot() -> None:
-    """Start a robot. It logs on, is bound as RoboCorba/Robots/NAME, and runs until Ctrl-C or SIGTERM."""
+    """Start a robot, log it on and bind it as RoboCorba/Robots/NAME. Ctrl-C or SIGTERM ends it."""
 
 
 def stop(
     context: typer.Context,
     name: RobotName = "",
     all_robots: Annotated[bool, typer.Option("--all", help="Stop all robots.")] = False,
-    reset: Annotated[bool, typer.Option("--reset", help="Restart the robot after a stop.")] = False,
+    reset: Annotated[bool, typer.Option("--reset", help="Release the robot after a stop.")] = False,
     naming: Naming = None,
     state: State = None,
 ) -> None:
-    """Emergency stop: a robot stops as soon as possible, and does not move until `--reset`.
+    """Emergency stop: stop a robot as soon as possible, and hold it until `--reset`.
 
-    `--all` also stops every robot that logs on later, until `--all --reset`.
+    `--all` also holds robots that log on later, until `--all --reset`.
 
-    It prints `stands` for a robot only if the simulation server, or the robot itself by its secret reference, shows
-    that it does; exit code 0 if all do, else 1. With the state folder of the system it needs no naming service."""
+    Prints `stands` only for a robot that is confirmed to stand. Exit code 0 if all do, else 1. Give the system's state
+    folder to stop robots even without the naming service."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
     only_for("a stop without --reset", not reset, context, "state")
     names = [] if all_robots else [name]
-    with connected("stop", naming) as orb:
+    with connected("stop", naming, state=state) as orb:
         settings = Settings.read(naming=naming, state=state)
         is_fine = _reset(orb, names, settings) if reset else _stop(orb, names, settings)
-    if not is_fine:
-        raise typer.Exit(1)
+        if not is_fine:
+            orb.check_naming()  # else the hint is printed too
+            raise typer.Exit(1)
 
 
 def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
@@ -72,11 +73,11 @@ def _reset(orb: Orb, names: list[str], settings: Settings) -> bool:
 
 def switch(
     name: RobotName,
-    adaptor: Annotated[str, typer.Argument(metavar="ADAPTOR", help="Such as simulated or smartpal.")],
-    arguments: Annotated[list[str] | None, typer.Argument(metavar="...", help="The adaptor's, after --.")] = None,
+    adaptor: Annotated[str, typer.Argument(metavar="ADAPTOR", help="Adaptor, such as simulated or smartpal.")],
+    arguments: Annotated[list[str] | None, typer.Argument(metavar="...", help="Arguments of it, after --.")] = None,
     naming: Naming = None,
 ) -> None:
-    """Switch a robot's agent to the actual or the virtual robot. It refuses while a program runs."""
+    """Switch a robot's agent between the virtual and the actual robot. Refused while a program runs."""
     from robocorba.robot.corba.remote_agent import RemoteAgent
 
     with connected("switch", naming) as orb:

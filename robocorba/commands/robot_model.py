@@ -23,10 +23,10 @@ def robot_model() -> None:
 
 @app.command()
 def urdf(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where to write; - is the standard output.")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; - is the standard output.")],
     force: Force = False,
 ) -> None:
-    """Write the robot as a URDF, for RViz, MuJoCo, Gazebo and others: links, joints, limits, masses, looks."""
+    """Write the robot's links, joints, limits, masses and looks as URDF, for RViz, MuJoCo, Gazebo and others."""
     with reporting("robot-model urdf"):
         from robocorba.robot.kinematics.urdf import urdf as document
 

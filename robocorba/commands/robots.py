@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from robocorba.commands.options import Naming, State, only_for
+from robocorba.commands.options import Naming, State, connected, only_for
 from robocorba.commands.reporting import reporting
 from robocorba.commands.waiting import RESOLVE_TIMEOUT_S
 from robocorba.system import logs
@@ -22,34 +22,41 @@ from robocorba.system.supervision.robots import STARTING
 def robots(
     context: typer.Context,
     fleet: Annotated[
-        Path | None, typer.Argument(metavar="FLEET.yaml", help="The robots; or give --count and --prefix.")
+        Path | None, typer.Argument(metavar="FLEET.yaml", help="File that lists the robots. Without it give --count.")
     ] = None,
     count: Annotated[int, typer.Option(metavar="N", min=0, help="Number of robots.")] = 0,
-    prefix: Annotated[str, typer.Option(metavar="R", help="Their names: R1, R2 and so on.")] = "R",
-    floor: Annotated[str | None, typer.Option(metavar="F", help="The floor on which they start.")] = None,
-    channel: Annotated[str | None, typer.Option(metavar="C", help="The event channel of their sub-network.")] = None,
-    program: Annotated[Path | None, typer.Option(metavar="FILE", help="A program that each runs immediately.")] = None,
-    adaptor: Annotated[str | None, typer.Option(metavar="A", help="The robot adaptor, by default simulated.")] = None,
-    argument: Annotated[
-        list[str] | None, typer.Option(metavar="ARG", help="An argument of the adaptor; repeatable.")
+    prefix: Annotated[str, typer.Option(metavar="R", help="Prefix of their names: R gives R1, R2 and so on.")] = "R",
+    floor: Annotated[str | None, typer.Option(metavar="F", help="Floor on which they start.")] = None,
+    channel: Annotated[
+        str | None, typer.Option(metavar="C", help="Event channel. Default: that of the area in which they start.")
     ] = None,
-    perceive: Annotated[str | None, typer.Option(metavar="simulation|sensors", help="What they avoid.")] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Start a robot that ends again.")] = False,
+    program: Annotated[Path | None, typer.Option(metavar="FILE", help="Program that each robot runs at once.")] = None,
+    adaptor: Annotated[str | None, typer.Option(metavar="A", help="Robot adaptor. Default: simulated.")] = None,
+    argument: Annotated[
+        list[str] | None, typer.Option(metavar="ARG", help="Argument of the adaptor. Repeatable.")
+    ] = None,
+    perceive: Annotated[
+        str | None,
+        typer.Option(
+            metavar="simulation|sensors",
+            help="Avoid what the simulation knows, or what the robots' sensors see. Default: simulation.",
+        ),
+    ] = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Start robots again when they end.")] = False,
     starting: Annotated[
-        int, typer.Option(metavar="N", min=1, max=200, help="Number of robots that start at a time.")
+        int, typer.Option(metavar="N", min=1, max=200, help="Number of robots to start at the same time.")
     ] = STARTING,
     start_limit: Annotated[
-        float, typer.Option(metavar="S", min=1.0, help="Time limit in seconds for each robot to start.")
+        float, typer.Option(metavar="S", min=1.0, help="Limit for the start of each robot [s].")
     ] = 180.0,
     naming: Naming = None,
     state: State = None,
 ) -> None:
-    """Start many robots, each as a process of its own; show what they do until Ctrl-C or SIGTERM ends them.
+    """Start many robots, each in its own process, and show what they do. Ctrl-C or SIGTERM ends them.
 
-    A robot that ends is shown with the reason; the others go on. Exit code 0 if all ran to the end, else 1."""
+    A robot that ends is shown with the reason, while the others continue. Exit code 0 if none did, else 1."""
     from robocorba.commands.compiling import compile_with_progress
     from robocorba.commands.fleet_view import FleetView
-    from robocorba.orb.orb import Orb
     from robocorba.simulation.corba.remote_database import RemoteDatabase
     from robocorba.system.supervision.fleet import Fleet
     from robocorba.system.supervision.fleet_file import group_of, read_fleet
@@ -69,7 +76,7 @@ def robots(
         claim_state(settings.state)
         logs.setup("robots", settings.state / "logs", with_stderr=not console.is_terminal)
         compile_with_progress(settings.state / "logs")
-        with Orb(settings.naming) as orb:
+        with connected("robots", naming, state=state, role=Role.ROBOT) as orb:
             floors, channels = RemoteDatabase(orb, RESOLVE_TIMEOUT_S).floors(), orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
             orders = orders_in(floors, channels)
             with FleetView(console) as view:

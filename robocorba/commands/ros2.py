@@ -21,26 +21,26 @@ if TYPE_CHECKING:
 
 
 def ros2(
-    robots: Annotated[str, typer.Option(metavar="A,B", help="Only these robots; without it all.")] = "",
+    robots: Annotated[str, typer.Option(metavar="A,B", help="Publish only these robots. Default: all.")] = "",
     domain: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=232, help="The domain [ROS_DOMAIN_ID, 0].")
+        int | None, typer.Option(metavar="N", min=0, max=232, help="ROS domain. Default: ROS_DOMAIN_ID, else 0.")
     ] = None,
-    floor: Annotated[str, typer.Option(metavar="F", help="The floor on /map; without it the first one.")] = "",
+    floor: Annotated[str, typer.Option(metavar="F", help="Floor to publish on /map. Default: the first.")] = "",
     resolution: Annotated[
-        float, typer.Option(metavar="M", min=0.01, max=1.0, help="Side of the cells of maps [m].")
+        float, typer.Option(metavar="M", min=0.01, max=1.0, help="Cell size of maps [m].")
     ] = DEFAULT_RESOLUTION_M,
     scan_rate: Annotated[
-        float, typer.Option(metavar="HZ", min=0.0, max=40.0, help="Laser scans a second of each robot; 0: none.")
+        float, typer.Option(metavar="HZ", min=0.0, max=40.0, help="Laser scans per second of each robot; 0: none.")
     ] = 10.0,
-    stamped: Annotated[bool, typer.Option("--stamped", help="cmd_vel is TwistStamped, not Twist.")] = False,
+    stamped: Annotated[bool, typer.Option("--stamped", help="Accept TwistStamped on cmd_vel, not Twist.")] = False,
     namespaced_tf: Annotated[
-        bool, typer.Option("--namespaced-tf", help="/ROBOT/tf with plain frames, not /tf with ROBOT/ before frames.")
+        bool, typer.Option("--namespaced-tf", help="Publish unprefixed frames on /ROBOT/tf, not prefixed ones on /tf.")
     ] = False,
     naming: Naming = None,
 ) -> None:
-    """Show the running system in ROS 2, and take orders for robots from there, until Ctrl-C or SIGTERM.
+    """Publish the running system in ROS 2 and accept orders for robots, until Ctrl-C or SIGTERM.
 
-    It needs rclpy and the standard messages of ROS 2 Jazzy or later in the same Python."""
+    Needs rclpy and the standard messages of ROS 2 Jazzy or later in the same Python environment."""
     with connected("ros2", naming) as orb, contextlib.closing(ros_node(domain)) as node:
         from robocorba.bridges.ros2.frames import Frames
         from robocorba.bridges.ros2.node import RosTopics

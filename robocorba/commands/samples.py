@@ -29,11 +29,11 @@ def list_samples(json: Json = False) -> None:
 
 @app.command()
 def copy(
-    sample: Annotated[str, typer.Argument(help="A name that `list` shows.", autocompletion=lambda: [*sample_files()])],
-    output: Annotated[Path, typer.Argument(metavar="[OUT]", help="A file or folder; default: here.")] = Path(),
+    sample: Annotated[str, typer.Argument(help="Name that `list` shows.", autocompletion=lambda: [*sample_files()])],
+    output: Annotated[Path, typer.Argument(metavar="[OUT]", help="File or folder. Default: here.")] = Path(),
     force: Force = False,
 ) -> None:
-    """Copy a sample, to change it."""
+    """Copy a sample to edit it."""
     with reporting("samples copy", OSError):
         if sample not in sample_files():
             raise OutputError(sample, f"there is no such sample; there are {', '.join(sample_files())}")
@@ -43,8 +43,8 @@ def copy(
 def add_new(app: typer.Typer, sample: str, what: str) -> None:
     """Give a command `new` to `app`, which writes a sample under the name of its output."""
 
-    @app.command("new", help=f"Write a file to start from: {what}.")
-    def new(output: Annotated[Path, typer.Argument(metavar="OUT", help="The file.")], force: Force = False) -> None:
+    @app.command("new", help=f"Write a sample to start from: {what}.")
+    def new(output: Annotated[Path, typer.Argument(metavar="OUT", help="New file.")], force: Force = False) -> None:
         with reporting("new", OSError):
             text = sample_files()[sample].read_text()
             _write(output, text.replace(Path(sample).stem, output.stem, 1), force)

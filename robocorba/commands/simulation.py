@@ -9,30 +9,27 @@ from typing import Annotated
 
 import typer
 
-from robocorba.commands.options import Json, State, administrator, only_for
-from robocorba.commands.reporting import reporting
+from robocorba.commands.options import Json, RobotName, State, administrator, connected, only_for
 from robocorba.commands.tables import Sheet, print_json, show
-from robocorba.orb.orb import Orb
 from robocorba.simulation.corba.remote_administrator import RemoteAdministrator
 from robocorba.system.printing import line
-from robocorba.system.settings import Settings
 
 app = typer.Typer(no_args_is_help=True)
 
 
 @app.command()
 def limit(
-    robots: Annotated[int, typer.Argument(min=0, max=10_000, help="Robots at most. Robots that are logged on stay.")],
+    robots: Annotated[int, typer.Argument(min=0, max=10_000, help="Maximum number. Robots that are logged on stay.")],
     state: State = None,
 ) -> None:
-    """Limit the number of logged-on robots."""
+    """Limit how many robots may be logged on."""
     with _administrator(state) as simulation:
         simulation.set_limit(robots)
 
 
 @app.command()
-def evict(robot: str, state: State = None) -> None:
-    """Log a robot off and keep it out, also after a restart, until `admit`."""
+def evict(robot: RobotName, state: State = None) -> None:
+    """Log a robot off and keep it out until `admit`, even after a restart."""
     with _administrator(state) as simulation:
         was_here = simulation.keep_out(robot)
         done = "is logged off and kept out" if was_here else "is kept out; it was not logged on"
@@ -42,11 +39,11 @@ def evict(robot: str, state: State = None) -> None:
 @app.command()
 def admit(
     context: typer.Context,
-    robot: Annotated[str, typer.Argument(help="Default: list the robots that are kept out.")] = "",
+    robot: Annotated[str, typer.Argument(help="Name of the robot. Without it, list evicted robots.")] = "",
     json: Json = False,
     state: State = None,
 ) -> None:
-    """Let a robot in again that `evict` keeps out."""
+    """Let an evicted robot log on again."""
     only_for("the list of robots that are kept out", not robot, context, "json")
     with _administrator(state) as simulation:
         if json:
@@ -87,16 +84,14 @@ def resume(state: State = None) -> None:
 
 @app.command()
 def step(
-    steps: Annotated[int, typer.Argument(min=1, max=10_000, help="Steps of 0.02 s.")] = 1, state: State = None
+    steps: Annotated[int, typer.Argument(min=1, max=10_000, help="Number of steps of 0.02 s.")] = 1, state: State = None
 ) -> None:
-    """Execute steps while simulated time is paused."""
+    """Advance paused simulated time by some steps."""
     with _administrator(state) as simulation:
         simulation.step(steps)
 
 
 @contextlib.contextmanager
 def _administrator(state: Path | None) -> Iterator[RemoteAdministrator]:
-    with reporting("simulation"):
-        settings = Settings.read(state=state)
-        with Orb(settings.naming) as orb:
-            yield administrator(orb, settings)
+    with connected("simulation", None, state=state) as orb:
+        yield administrator(orb, state)

@@ -22,8 +22,8 @@ from robocorba.simulation.emergency_stops import ALL, UNTIL_RESET, read_records
 from robocorba.system.corba.servers import probe_of
 from robocorba.system.names import STOPS
 from robocorba.system.printing import echo
-from robocorba.system.settings import Address, Settings
-from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, started_s
+from robocorba.system.settings import Address, state_folder
+from robocorba.system.state_folder import ProcessRecord, StateFolder, SystemRecord, running_instances, started_s
 from robocorba.system.supervision.system import NAMING_SERVICES
 
 #: Timeout for each object [s].
@@ -56,21 +56,22 @@ class ProcessStatus(msgspec.Struct):
 
 
 def status(state: State = None, json: Json = False) -> None:
-    """Show the processes that run and whether they answer. Exit code 0 if all do, else 1."""
+    """Show all processes and check that they answer. Exit code 0 if all do, else 1."""
     with reporting("status"):
-        settings = Settings.read(state=state)
-        record = StateFolder(settings.state).read_record()
+        folder = state_folder(state)
+        record = StateFolder(folder).read_record()
         alive = record if record is not None and record.is_alive else None
         processes = check_objects(alive) if alive else []
         shown = robot_displays(alive) if alive else {}
-        stops = read_records(settings.state / STOPS) if alive else {}
+        stops = read_records(folder / STOPS) if alive else {}
         held = stops[ALL].held if ALL in stops else ""
     if json:
         system = {"naming": alive and alive.naming, "hang_limit_s": alive and alive.hang_limit_s}
         more = {"stop_of_all": held or None, "processes": processes, "robots": shown}
-        print_json({"state": str(settings.state), **system, **more})
+        print_json({"state": str(folder), **system, **more})
     elif alive is None:
-        echo(f"nothing runs in {settings.state}")
+        others = ", ".join(running_instances())
+        echo(f"nothing runs in {folder}{others and f'; instances that run: {others}'}")
     else:
         robots = Sheet(("robot", "shows", "text"), [(name, *display) for name, display in shown.items()])
         limit_s = alive.hang_limit_s

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import socket
 from pathlib import Path
 from typing import Annotated
 
@@ -33,53 +32,60 @@ from robocorba.system.supervision.system import NAMING_SERVICES, System
 def up(
     context: typer.Context,
     building: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MAP", help="The map to serve: a file, or a sample's name [the stored one, else five-floors]."
-        ),
+        Path | None, typer.Option(metavar="MAP", help="Map file or sample. Default: the stored one, else five-floors.")
     ] = None,
     state: State = None,
     naming_port: Annotated[
-        int | None, typer.Option(metavar="N", help="Port of the naming service [port of ROBOCORBA_NAMING, 2809].")
+        int | None, typer.Option(metavar="N", help="Naming service's port. Default: by ROBOCORBA_NAMING, else 2809.")
     ] = None,
     host: Annotated[
-        str | None, typer.Option(metavar="H", help="Listen here; clients use it [that of ROBOCORBA_NAMING, 127.0.0.1].")
+        str | None, typer.Option(metavar="H", help="Address to serve at. Default: by ROBOCORBA_NAMING, else 127.0.0.1.")
     ] = None,
     subnets: Annotated[
-        str | None, typer.Option(metavar="NAME,...", help="Sub-networks with event channels [of the map, else main].")
+        str | None, typer.Option(metavar="NAME,...", help="Event channels to start. Default: the map's, else main.")
     ] = None,
     sensors: Annotated[int, typer.Option(metavar="N", min=1, max=64, help="Number of virtual sensor servers.")] = 1,
-    start_limit: Annotated[float, typer.Option(metavar="S", help="Limit for the first answer of a process.")] = 180.0,
+    start_limit: Annotated[
+        float, typer.Option(metavar="S", help="Stop everything if a process needs more than S seconds to start.")
+    ] = 180.0,
     hang_limit: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Restart a server without an answer for this time; 0: never.")
+        float, typer.Option(metavar="S", min=0.0, help="Restart a server that does not answer for S seconds; 0: never.")
     ] = 10.0,
     spare_stopped: Annotated[
-        bool, typer.Option("--spare-stopped", help="Not while a debugger or SIGSTOP holds the server.")
+        bool, typer.Option("--spare-stopped", help="Do not restart servers that a debugger or SIGSTOP has paused.")
     ] = False,
     guarded: Annotated[
-        bool, typer.Option("--guarded", help="Clients without a file of access/ in the state folder only observe.")
+        bool, typer.Option("--guarded", help="Let clients only observe unless they use a role's file from access/.")
     ] = False,
     tls: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="As --guarded, by TLS with DIR/ca.pem and our DIR/tls.pem.")
+        Path | None, typer.Option(metavar="DIR", help="Encrypt by ca.pem and tls.pem in DIR, and check as --guarded.")
     ] = None,
     bidirectional: Annotated[
-        bool, typer.Option("--bidirectional", help="Call consumers behind NAT over the connections that they open.")
+        bool, typer.Option("--bidirectional", help="Reach consumers behind NAT over the connections that they open.")
     ] = False,
     accept: Annotated[
-        str, typer.Option(metavar="ROBOTS,SECONDS", help="Draw what so many robots see for this time [by hand].")
+        str,
+        typer.Option(
+            metavar="ROBOTS,SECONDS",
+            help="Add an obstacle to the map once ROBOTS robots have seen it for SECONDS. Default: by hand.",
+        ),
     ] = "",
-    console: Annotated[bool, typer.Option("--console", help="Also serve the operator's console to browsers.")] = False,
+    console: Annotated[
+        bool, typer.Option("--console", help="Also serve the operator's console, to browsers on this machine.")
+    ] = False,
     console_port: Annotated[
-        int, typer.Option(metavar="N", min=0, max=65535, help="Its port on 127.0.0.1; 0: a free one.")
-    ] = DEFAULT_PORT,
+        int | None, typer.Option(metavar="N", min=0, max=65535, help="Port of --console; 0: a free one. Default: 8800.")
+    ] = None,
 ) -> None:
-    """Start the naming service and all servers, each as a process; print `ready` when all answer.
+    """Start the naming service and all servers, each in its own process, and print `ready` when all answer.
 
     A server that ends is restarted. Ctrl-C or SIGTERM stops everything."""
     only_for("--console", console, context, "console_port")
     only_for("a --hang-limit above 0", hang_limit, context, "spare_stopped")
     with reporting("up"):
-        settings = Settings.read(state=state)
+        settings = Settings.read(state=state, is_start=True)
+        if console_port is None:
+            console_port = 0 if settings.instance else DEFAULT_PORT
         naming = Address.checked(
             host or settings.naming.host,
             settings.naming.port if naming_port is None else naming_port,
@@ -112,10 +118,7 @@ def up(
 def _console_address(port: int) -> Address:
     """Where the console listens: on the loopback only, since it has the rights of an administrator and no password."""
     require_extra("console", "pages of the console")
-    if port == 0:
-        with socket.create_server((DEFAULT_HOST, 0)) as probe:
-            port = int(probe.getsockname()[1])
-    return Address.checked(DEFAULT_HOST, port, "--console-port")
+    return Address(DEFAULT_HOST, port)
 
 
 def run(system: System) -> None:
@@ -136,7 +139,8 @@ def run(system: System) -> None:
         system.run(ready, prepare)
     except PortInUse as error:
         raise ServiceError(
-            f"{error}: {user_of(error.port)} listens there. A second system needs ports and --state of its own"
+            f"{error}: {user_of(error.port)} listens there. A second system gets ports of its own from "
+            "`robocorba up --instance NAME`"
         ) from None
     finally:
         waiting.stop()

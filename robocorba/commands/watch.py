@@ -34,22 +34,21 @@ def watch(
     floor: Floors = None,
     once: Annotated[bool, typer.Option("--once", help="Print the tables once and exit.")] = False,
     json: Annotated[bool, typer.Option("--json", help="Print JSON once and exit.")] = False,
-    video: Annotated[Path | None, typer.Option(metavar="FILE", help="Film a floor into this MP4 file.")] = None,
+    video: Annotated[Path | None, typer.Option(metavar="FILE", help="Film one floor into this MP4 file.")] = None,
     seconds: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Duration of the video [s]; 0: until Ctrl-C.")
+        float, typer.Option(metavar="S", min=0.0, help="Length of the video [s]; 0: until Ctrl-C.")
     ] = 0.0,
-    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Pictures per second of the video.")] = 10,
-    width: Annotated[int, typer.Option(metavar="PX", min=200, max=4096, help="Width of the video.")] = 960,
+    fps: Annotated[int, typer.Option(metavar="N", min=1, max=60, help="Frames per second of the video.")] = 10,
+    width: Annotated[int, typer.Option(metavar="PX", min=200, max=4096, help="Width of the video [pixels].")] = 960,
     naming: Naming = None,
 ) -> None:
-    """Show the simulation server, its robots, elevators and sensors, until Ctrl-C."""
+    """Show the simulation server, robots, elevators and sensors, live, until Ctrl-C."""
     only_for("--video", video, context, "seconds", "fps", "width")
     only_for("tables", not video, context, "once", "json")
     floors = floor or []
     with connected("watch", naming) as orb:
-        stop = StopSignal()
         if video:
-            film(Camera(orb, floors, width), video, seconds, fps, stop)
+            film(Camera(orb, floors, width), video, seconds, fps, StopSignal())
             return
         with contextlib.closing(RunningSimulation(orb, floors)) as simulation:
             tables = simulation.read(RESOLVE_TIMEOUT_S)
@@ -58,7 +57,7 @@ def watch(
             elif once:
                 show(*sheets(tables))
             else:
-                follow(simulation, tables, stop)
+                follow(simulation, tables, StopSignal())
 
 
 def follow(simulation: RunningSimulation, tables: Tables, stop: StopSignal) -> None:

@@ -117,7 +117,7 @@ def _of_server(before: Rows, now: Rows) -> Iterator[Difference]:
         count = new["collisions"] - old["collisions"]
         yield "collision", "", "", "a collision" if count == 1 else f"{count} collisions"
     if new["paused"] != old["paused"]:
-        yield "server", "", "", "the simulation is paused" if new["paused"] else "the simulation goes on"
+        yield "server", "", "", "the simulation is paused" if new["paused"] else "the simulation continues"
     came = {client["name"]: client for client in now["state"]["clients"]}
     went = {client["name"]: client for client in before["state"]["clients"]}
     for name in came.keys() - went.keys():

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from robocorba.system.decoding import read_text
 from robocorba.system.names import SUPERVISOR
-from robocorba.system.settings import Address, InvalidSetting, Settings
+from robocorba.system.settings import Address, InvalidSetting, Settings, add_common_options
 
 #: Default port of the console.
 DEFAULT_PORT = 8800
@@ -58,35 +58,38 @@ class ConsoleSettings:
     def parser(description: str = "") -> argparse.ArgumentParser:
         """The parser for the console's arguments."""
         parser = argparse.ArgumentParser(prog="robocorba console", description=description, allow_abbrev=False)
-        parser.add_argument("--host", default="127.0.0.1", metavar="H", help="address on which to listen [127.0.0.1]")
-        parser.add_argument("--port", type=int, default=DEFAULT_PORT, metavar="N", help="port [8800]; 0: any free one")
+        parser.add_argument("--host", default="127.0.0.1", metavar="H", help="address to listen on; default: 127.0.0.1")
         parser.add_argument(
-            "--password-file", type=Path, metavar="FILE", help="file with the password in its first line"
+            "--port", type=int, default=DEFAULT_PORT, metavar="N", help="port, 0 for any free one; default: 8800"
         )
-        parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM certificate: serve by TLS")
-        parser.add_argument("--key", type=Path, metavar="FILE", help="PEM key of the certificate")
+        parser.add_argument(
+            "--password-file", type=Path, metavar="FILE", help="file with the users' password in line 1"
+        )
+        parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM certificate, to serve HTTPS")
+        parser.add_argument("--key", type=Path, metavar="FILE", help="PEM key of --certificate")
         parser.add_argument(
             "--administrator",
             type=Path,
             metavar="FILE",
-            help="administrator.ior of the state folder: allows to pause, evict and place robots",
+            help="administrator.ior of the state folder, to let users pause, evict and place robots",
         )
         parser.add_argument(
             "--supervisor",
             type=Path,
             metavar="FILE",
-            help="the system's supervisor, for processes and robots [supervisor.ior of the state folder]",
+            help="reference to start robots and show processes by; default: supervisor.ior of the state folder",
         )
-        parser.add_argument("--recording", type=Path, metavar="FILE", help="a recording to look at")
+        parser.add_argument("--recording", type=Path, metavar="FILE", help="recording to offer too")
         parser.add_argument(
-            "--viewers", type=int, default=DEFAULT_VIEWERS, metavar="N", help="pages served at the same time [64]"
+            "--viewers", type=int, default=DEFAULT_VIEWERS, metavar="N", help="limit of open pages; default: 64"
         )
         parser.add_argument(
-            "--pin-file", type=Path, metavar="FILE", help="PINs of robots' panels: a line `NAME PIN` for each robot"
+            "--pin-file", type=Path, metavar="FILE", help="file with PINs of robots' panels: a line `NAME PIN` for each"
         )
-        parser.add_argument("--programs", type=Path, metavar="DIR", help="programs to offer beside the samples")
-        parser.add_argument("--naming", metavar="HOST:PORT", help="the naming service")
-        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
+        parser.add_argument(
+            "--programs", type=Path, metavar="DIR", help="folder of programs to offer besides the samples"
+        )
+        add_common_options(parser)
         return parser
 
     @classmethod

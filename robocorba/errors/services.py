@@ -48,7 +48,7 @@ class NameHeld(NamedError, ServiceError):
     """Somebody else holds the name `name`."""
 
     def __str__(self) -> str:
-        return f"somebody else holds the name {self.name[:200]!r}"
+        return f"another program holds the name {self.name[:200]!r}"
 
 
 class InvalidBinding(NamedError, ServiceError):

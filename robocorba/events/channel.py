@@ -214,7 +214,7 @@ class Channel:
                 count += len(arrival.batch)
                 self._accept(arrival.batch, arrival.account, now, claims)
         if count:
-            _log.warning("delivered %d events without some that were sent before them, which have not come", count)
+            _log.warning("delivered %d events without some that were sent before them, which are missing", count)
         self.deliver(claims)
 
     def _accept(self, batch: EventBatch, account: Account, now: float, claims: Claims) -> list[EventBatch]:

@@ -193,7 +193,7 @@ class ForeignLink:
             refused = self._account.refused
             claims = self._channel.forward([batch], self._account)
             if self._account.refused > refused:
-                _log.warning("refused an event from %s: nobody knows whether it came before", self.name)
+                _log.warning("refused an event from %s: it may have come before", self.name)
             self._channel.deliver(claims)
         elif content is not None and self._echoes.recognise(content):
             with self._channel.lock:

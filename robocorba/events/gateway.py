@@ -169,7 +169,7 @@ class Gateway:
         refused, delivered = account.refused, account.delivered
         claims = self._channel.forward(packet, account)
         if account.refused > refused:
-            reason = "they came so late that nobody knows whether they came before"
+            reason = "they came so late that they may have come before"
             _log.warning("refused %d events from %s: %s", account.refused - refused, self.peer, reason)
         with self._channel.lock:
             account.received += invalid

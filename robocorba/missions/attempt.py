@@ -244,7 +244,7 @@ class Attempt:
             self._led.confirm()
         except NotReachable as error:
             raise AttemptFailed(f"{why}; {error}") from None
-        _log.warning("mission %s: %s; the others go on", self.plan.mission, why)
+        _log.warning("mission %s: %s; the others continue", self.plan.mission, why)
         self._drop(silent)
 
     def _drop(self, names: Collection[str]) -> None:

@@ -97,7 +97,7 @@ class Member:
         elif order.leader != self.leader:
             return
         if self._subplan.robot in order.without:
-            self.abort(f"{order.leader} goes on without {self._subplan.robot}, which was silent")
+            self.abort(f"{order.leader} continues without {self._subplan.robot}, which was silent")
             return
         if order.step >= 0 and order.without != self._without:  # they are gone
             self._without = order.without
@@ -123,7 +123,7 @@ class Member:
 
     def _change_leader(self, order: Order) -> None:
         """Stand where the last orders have ended until the new leader's next ones."""
-        _log.info("mission %s: %s leads it now, in place of %s", self.mission, order.leader, self.leader)
+        _log.info("mission %s: %s leads it now, instead of %s", self.mission, order.leader, self.leader)
         trajectory_s, _ = self._progress.at(self._clock.now())
         self._clock.reset()
         self._progress.hold(trajectory_s)

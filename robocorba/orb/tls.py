@@ -22,8 +22,8 @@ def load_transport() -> None:
         importlib.import_module("omniORB.sslTP")
     except ImportError:
         raise ServiceError(
-            "--tls needs omniORB's SSL transport (omniORB.sslTP), which this Python's omniORB has not; that of PyPI "
-            "(jeteve-omniorb) is without it: use an omniORBpy built with OpenSSL, or a VPN"
+            "--tls needs omniORB's SSL transport (omniORB.sslTP), which omniORB of PyPI (jeteve-omniorb) "
+            "lacks: use an omniORBpy built with OpenSSL, or a VPN"
         ) from None
 
 

@@ -545,7 +545,7 @@ class HighController:
             self._reconnect_failures += 1
             if str(error) != self._reconnect_problem:
                 self._reconnect_problem = str(error)
-                _log.info("can't reconnect to the robot, attempts go on: %s", error)
+                _log.info("can't reconnect to the robot, it keeps trying: %s", error)
                 self._calls.on_stop()
 
     def _command(self, state: RobotState) -> ActorCommand:

@@ -95,7 +95,7 @@ class Work:
     def check(self) -> None:
         """Raises WorkEnded once it was cancelled, or its time is over."""
         if self._is_cancelled.is_set():
-            raise WorkEnded("cancelled, since nobody waits for it any more")
+            raise WorkEnded("cancelled, since its caller waits no longer")
         if time.monotonic() > self._ends_s:
             raise WorkEnded(f"not complete after {self._limit_s:g} s, its limit")
 

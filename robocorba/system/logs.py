@@ -169,7 +169,7 @@ class _Stderr(logging.StreamHandler):  # Python 3.10 has no StreamHandler[...]
             return
         lost, self._lost = self._lost, 0
         if lost:
-            self.stream.write(f"WARNING {lost} lines before this one are missing: nobody read them\n")
+            self.stream.write(f"WARNING {lost} lines before this one are missing: they were not read in time\n")
         super().emit(record)
 
 

@@ -13,7 +13,7 @@ MISSIONS = "missions"
 ADMINISTRATOR = "administrator.ior"
 #: File in the state folder with the object reference of the supervisor of `robocorba up`.
 SUPERVISOR = "supervisor.ior"
-#: File in the state folder with the port of each server that `robocorba up` starts.
+#: File in the state folder with the ports of the servers of `robocorba up`, and of the naming service, `naming`.
 PORTS = "ports.json"
 #: File in the state folder with the token by which virtual sensor servers register.
 SENSOR_TOKEN = "sensors.token"

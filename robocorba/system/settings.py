@@ -1,11 +1,13 @@
 """Settings of all processes: the only module that reads RoboCorba's variables from the environment.
 
-Arguments override the environment, which overrides the defaults.
+Arguments override the environment, which overrides the defaults. Naming service and state folder come from the first of
+these: --naming or --state, --instance, ROBOCORBA_NAMING or ROBOCORBA_STATE, ROBOCORBA_INSTANCE.
 
 | variable | meaning | default |
 |---|---|---|
-| ROBOCORBA_NAMING | the naming service as HOST:PORT, or a role's file | that of ROBOCORBA_STATE, else 127.0.0.1:2809 |
+| ROBOCORBA_NAMING | the naming service as HOST:PORT, or a role's file | that of the state folder, else 127.0.0.1:2809 |
 | ROBOCORBA_STATE | the folder for stores, maps, logs and mission reports | ~/.local/state/robocorba |
+| ROBOCORBA_INSTANCE | one of several systems of a user: it has the state folder ~/.local/state/robocorba-NAME | |
 | ROBOCORBA_VALUETYPES | 1: values of valuetypes in events are accepted, at which ill-formed ones end a process | 0 |
 """
 
@@ -19,16 +21,17 @@ import math
 import os
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
 
 import platformdirs
 
-from robocorba.errors.services import ServiceError
+from robocorba.errors.services import NotReachable, ServiceError
+from robocorba.system.claimed_ports import claimed_ports
 from robocorba.system.decoding import read_text
-from robocorba.system.names import ACCESS
+from robocorba.system.names import ACCESS, PORTS
 from robocorba.system.roles import Role
 
 DEFAULT_HOST = "127.0.0.1"
@@ -43,6 +46,20 @@ def omniorb_trace() -> dict[str, str]:
     """omniORB's option `traceLevel`, 0 unless the environment sets it: at its default omniORB writes a line for each
     connection that sends garbage; 27,000 within twenty seconds filled a log."""
     return {} if "ORBtraceLevel" in os.environ else {"traceLevel": "0"}
+
+
+def choose_instance(name: str) -> None:
+    """Let this process, and those that it starts, use an instance by default. It overrides the variables for naming
+    service and state folder. Raises InvalidSetting."""
+    os.environ["ROBOCORBA_INSTANCE"] = _checked_name("--instance", name)
+    for variable in ("ROBOCORBA_NAMING", "ROBOCORBA_STATE"):
+        os.environ.pop(variable, None)
+
+
+def _checked_name(setting: str, name: str) -> str:
+    if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", name):
+        raise InvalidSetting(setting, name, "not 1 to 60 letters, digits or _ -")
+    return name
 
 
 def replace_environment(variables: Mapping[str, str]) -> None:
@@ -180,11 +197,28 @@ def robot_keys(access: Path) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Settings:
-    """The settings of every command. origin: where the address of the naming service is from."""
+    """The settings of every command. origin: where the address of the naming service is from. instance: the name of the
+    one that was chosen, else empty."""
 
     naming: Address
     state: Path
     origin: str = field(default="", compare=False)
+    instance: str = field(default="", compare=False)
+
+    @contextlib.contextmanager
+    def hinting(self, check_naming: Callable[[], object]) -> Iterator[None]:
+        """Where a server is not reachable, and nor is the naming service, say what its address is from.
+
+        check_naming: calls it, and raises NotReachable."""
+        try:
+            yield
+        except NotReachable as error:
+            try:
+                check_naming()
+            except NotReachable:
+                up = f"robocorba up --instance {self.instance}" if self.instance else "robocorba up"
+                raise NotReachable(f"{error}; is `{up}` running? {self.naming} is from {self.origin}") from None
+            raise
 
     @classmethod
     def read(
@@ -193,32 +227,76 @@ class Settings:
         state: Path | None = None,
         environment: Mapping[str, str] = os.environ,
         role: Role = Role.OPERATOR,
+        is_start: bool = False,
     ) -> Settings:
-        """Settings from arguments, environment and defaults. Raises InvalidSetting.
+        """Settings from arguments, environment and defaults. Raises InvalidSetting; NotReachable for an instance that
+        does not run.
 
-        role: what this process is in a guarded system, if nothing says where its naming service is."""
-        folder = state or environment.get("ROBOCORBA_STATE") or platformdirs.user_state_dir("robocorba", False)
-        checked = _folder(Path(folder), "--state" if state else "ROBOCORBA_STATE")
+        role: what this process is in a guarded system, if nothing says where its naming service is. is_start: this
+        process starts the system, so that an instance gets its former port, or a free one."""
+        folder, instance = _state_folder(state, environment)
         variable = environment.get("ROBOCORBA_NAMING") or ""
         address, origin = (naming, "--naming") if naming else (variable, "ROBOCORBA_NAMING")
         if "/" in address or address.endswith(".ior"):
-            return cls(RoleNaming.read(Path(address), origin), checked, origin)
-        if not address and os.access(role_file(checked, role), os.R_OK):
-            origin = "the state folder"
-            return cls(RoleNaming.read(role_file(checked, role), origin), checked, f"{origin} {checked}")
-        if not address and (address := _address_in(checked)):
-            origin = f"the state folder {checked}"
+            return cls(RoleNaming.read(Path(address), origin), folder, origin, instance)
+        if not address:
+            origin = f"the state folder {folder}"
+            if os.access(role_file(folder, role), os.R_OK):
+                return cls(RoleNaming.read(role_file(folder, role), "the state folder"), folder, origin, instance)
+            address = _member(folder / "up.json", "naming")
+        if not address and instance:
+            address = f"{DEFAULT_HOST}:{_port_of_instance(instance, folder, is_start)}"
         if not address:  # 2809 is the port registered for CORBA naming services
-            origin, address = f"the default, as nothing runs in {checked}", f"{DEFAULT_HOST}:2809"
-        return cls(Address.parse(address, origin), checked, origin)
+            origin, address = f"the default, as nothing runs in {folder}", f"{DEFAULT_HOST}:2809"
+        return cls(Address.parse(address, origin), folder, origin, instance)
 
 
-def _address_in(state: Path) -> str:
-    """The naming service of the system that runs, or was killed, in a state folder; empty without one."""
+def state_folder(state: Path | None = None) -> Path:
+    """The state folder by argument, environment or default. Raises InvalidSetting."""
+    return _state_folder(state, os.environ)[0]
+
+
+def instance_folders() -> dict[str, Path]:
+    """The state folders of this user's instances by name."""
+    default = Path(platformdirs.user_state_dir("robocorba", False))
+    return {path.name.removeprefix("robocorba-"): path for path in sorted(default.parent.glob("robocorba-*"))}
+
+
+def _state_folder(state: Path | None, environment: Mapping[str, str]) -> tuple[Path, str]:
+    """The state folder, and the instance that it belongs to if an instance is chosen, else empty."""
+    if chosen := state or environment.get("ROBOCORBA_STATE"):
+        return _folder(Path(chosen), "--state" if state else "ROBOCORBA_STATE"), ""
+    instance = environment.get("ROBOCORBA_INSTANCE") or ""
+    name = f"robocorba-{_checked_name('ROBOCORBA_INSTANCE', instance)}" if instance else "robocorba"
+    return _folder(Path(platformdirs.user_state_dir(name, False)), "the state folder"), instance
+
+
+def _port_of_instance(instance: str, folder: Path, is_start: bool) -> str:
+    """The naming service's port for an instance that does not run. Other systems' ports must not be tried."""
+    if not is_start:
+        raise NotReachable(
+            f"instance {instance!r} does not run (state folder {folder}); start it with `robocorba up --instance "
+            f"{instance}`"
+        )
+    if former := _member(folder / PORTS, "naming"):
+        return former
+    with claimed_ports() as port:
+        return str(port)
+
+
+def _member(file: Path, name: str) -> str:
+    """A member of a JSON file in a state folder; empty if it is missing."""
     try:
-        return str(json.loads(read_text(state / "up.json"))["naming"])
+        return str(json.loads(read_text(file))[name])
     except (OSError, ValueError, LookupError, TypeError):
         return ""
+
+
+def add_common_options(parser: argparse.ArgumentParser) -> None:
+    """Options of every process for naming service and state folder."""
+    naming = "naming service, or a role's file; default: that of the running system"
+    parser.add_argument("--naming", metavar="HOST:PORT|FILE", help=naming)
+    parser.add_argument("--state", type=Path, metavar="DIR", help="state folder; default: ROBOCORBA_STATE")
 
 
 @dataclass(frozen=True)
@@ -241,10 +319,9 @@ class ServerSettings:
     def parser(description: str) -> argparse.ArgumentParser:
         """The parser for these arguments; a server may add its own."""
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
-        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
-        parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="where to listen")
-        parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
-        parser.add_argument("--building", type=Path, metavar="FILE", help="the map to serve")
+        parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="address to listen on")
+        add_common_options(parser)
+        parser.add_argument("--building", type=Path, metavar="FILE", help="map to serve")
         return parser
 
     @classmethod
@@ -285,16 +362,16 @@ class ChannelSettings:
             action="append",
             default=[],
             metavar="NAME[=ADDRESS]",
-            help="a channel to link with; HOST:PORT or a URI if it is not in the naming service; repeatable",
+            help="channel to link with, with HOST:PORT or URI if the naming service lacks it; repeatable",
         )
         parser.add_argument(
             "--foreign",
             action="append",
             default=[],
             metavar="NAME=URI",
-            help="a channel that supports only CosEventChannelAdmin, such as omniEvents'; repeatable",
+            help="channel that supports only CosEventChannelAdmin, such as omniEvents; repeatable",
         )
-        parser.add_argument("--bidirectional", action="store_true", help="call consumers over their own connections")
+        parser.add_argument("--bidirectional", action="store_true", help="reach consumers behind NAT")
         given = parser.parse_args(arguments)
         peers = tuple((name, address) for name, _, address in (text.partition("=") for text in given.peer))
         foreign = tuple((name, uri) for name, _, uri in (text.partition("=") for text in given.foreign))
@@ -320,8 +397,8 @@ class MapEditorSettings:
         """From the arguments of ServerSettings and `[--channel NAME] [--accept ROBOTS,SECONDS]`. Raises as
         ServerSettings.read does."""
         parser = ServerSettings.parser(description)
-        parser.add_argument("--channel", default="", metavar="NAME", help="the event channel of what robots see")
-        what = "what this number of robots has seen for this time is drawn"
+        parser.add_argument("--channel", default="", metavar="NAME", help="event channel of sightings")
+        what = "add an obstacle to the map after ROBOTS have seen it for SECONDS"
         parser.add_argument("--accept", default="", metavar="ROBOTS,SECONDS", help=what)
         given = parser.parse_args(arguments)
         return cls(ServerSettings.from_arguments(given), given.channel, accept_rule(given.accept))
@@ -348,9 +425,7 @@ class SimulationSettings:
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> SimulationSettings:
         """From the arguments of ServerSettings and `[--channel NAME]`. Raises as ServerSettings.read does."""
         parser = ServerSettings.parser(description)
-        parser.add_argument(
-            "--channel", default="", metavar="NAME", help="the event channel at which to publish events"
-        )
+        parser.add_argument("--channel", default="", metavar="NAME", help="event channel to publish events on")
         given = parser.parse_args(arguments)
         return cls(ServerSettings.from_arguments(given), given.channel)
 
@@ -368,9 +443,7 @@ class SensorSettings:
         parser = ServerSettings.parser(description)
         parser.add_argument("--name", required=True, metavar="NAME", help="name of the virtual sensor server")
         given = parser.parse_args(arguments)
-        if not re.fullmatch(r"[A-Za-z0-9_-]{1,60}", given.name):
-            raise InvalidSetting("--name", given.name, "not 1 to 60 letters, digits or _ -")
-        return cls(ServerSettings.from_arguments(given), given.name)
+        return cls(ServerSettings.from_arguments(given), _checked_name("--name", given.name))
 
 
 @dataclass(frozen=True)
@@ -406,44 +479,40 @@ class RobotSettings:
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
         parser.add_argument("name", metavar="NAME", help="name of the robot")
         parser.add_argument(
-            "--adaptor", default="simulated", metavar="A", help="the robot adaptor, such as simulated or smartpal"
+            "--adaptor", default="simulated", metavar="A", help="robot adaptor, such as smartpal; default: simulated"
         )
-        parser.add_argument("--program", type=Path, metavar="FILE", help="a program to run immediately")
-        parser.add_argument("--floor", default="", metavar="F", help="the floor on which to start")
-        parser.add_argument("--at", default="", metavar="X,Y[,HEADING]", help="start pose on the floor [m, rad]")
+        parser.add_argument("--program", type=Path, metavar="FILE", help="program to run as soon as the robot is ready")
+        parser.add_argument("--floor", default="", metavar="F", help="floor to start on; default: the first")
+        parser.add_argument(
+            "--at", default="", metavar="X,Y[,HEADING]", help="start pose [m, rad]; default: any free one"
+        )
         parser.add_argument(
             "--channel",
             metavar="C",
-            help="the event channel of its sub-network; default: that of the area in which it logs on",
+            help="event channel of its sub-network; default: that of the area in which it starts",
         )
         parser.add_argument(
-            "--record",
-            type=Path,
-            metavar="FILE",
-            help="log the control cycles (ticks) to this CSV file, in place of an earlier log; to record floors, see "
-            "`robocorba record`",
+            "--record", type=Path, metavar="FILE", help="log each control cycle (tick) in this CSV file, replacing it"
         )
-        parser.add_argument("--progress", action="store_true", help="print a line when what it does changes")
+        parser.add_argument("--progress", action="store_true", help="print a line when its activity changes")
         parser.add_argument(
             "--protect",
             choices=("on", "off"),
-            help="stop before what the robot's own range sensors see; default: on for actual robots",
+            help="stop before obstacles that its range sensors see; default: on for actual robots",
         )
         parser.add_argument(
             "--perceive",
             choices=("simulation", "sensors"),
             default="simulation",
-            help="avoid others and objects where the simulation has them, or what the robot's sensors see; default: "
-            "simulation",
+            help="avoid what the simulation knows, or what the robot's sensors see; default: simulation",
         )
         parser.add_argument(
             "--agent-only",
             action="store_true",
-            help="on the computer of an actual robot: keep uploaded programs and run them without the servers",
+            help="on an actual robot's own computer: run uploaded programs without the servers",
         )
-        parser.add_argument("--endpoint", metavar="HOST:PORT", help="where to listen; default: any port")
-        parser.add_argument("--naming", metavar="HOST:PORT|FILE", help="the naming service")
-        parser.add_argument("--state", type=Path, metavar="DIR", help="the state folder")
+        parser.add_argument("--endpoint", metavar="HOST:PORT", help="address to listen on; default: any free port")
+        add_common_options(parser)
         return parser
 
     @classmethod
@@ -529,23 +598,27 @@ class SmartPalSettings:
             "--servo-after-fault",
             choices=("on", "off"),
             default="on",
-            help="servo once the alarms of a fault are cleared",
+            help="whether motors hold again once the alarms of a fault are cleared",
         )
         parser.add_argument(
             "--unlock",
             choices=("power", "unlock"),
             default="power",
-            help="what unlocks the base: also power off and on",
+            help="what unlocks the base: power off and on too, or only its operation",
         )
         parser.add_argument(
-            "--limit-slack", type=float, default=1e-7, metavar="SHARE", help="by which speeds may exceed their limits"
+            "--limit-slack",
+            type=float,
+            default=1e-7,
+            metavar="SHARE",
+            help="share by which speeds may exceed their limits",
         )
-        parser.add_argument("--world", type=Path, metavar="FILE", help="map of what really stands around it")
-        parser.add_argument("--world-floor", default="", metavar="NAME", help="its floor there, by default the first")
+        parser.add_argument("--world", type=Path, metavar="FILE", help="map that its sensors see")
+        parser.add_argument("--world-floor", default="", metavar="NAME", help="floor of that map; default: the first")
         where = ("X", "Y", "HEADING")
-        parser.add_argument("--world-at", type=float, nargs=3, metavar=where, help="its place there; else its odometry")
+        parser.add_argument("--world-at", type=float, nargs=3, metavar=where, help="true pose there; default: odometry")
         parser.add_argument("--range-noise", type=float, default=0.0, metavar="M", help="deviation of distances [m]")
-        parser.add_argument("--range-lost", type=float, default=0.0, metavar="SHARE", help="of rays without an echo")
+        parser.add_argument("--range-lost", type=float, default=0.0, metavar="SHARE", help="share of lost rays")
         given = parser.parse_args(arguments)
         if given.seed < 0:
             raise InvalidSetting("--seed", str(given.seed), "less than 0")

@@ -1,7 +1,7 @@
 """The state folder of a system: its lock, the port of each server, the processes that run.
 
 lock           held (flock) by the `robocorba up` that uses the folder
-ports.json     the port of each server, kept so that references survive restarts
+ports.json     the ports of naming service and servers, kept so that references survive restarts
 links.json     the peers with which each event channel was linked
 up.json        the processes that run, replaced atomically at every change
 supervisor.ior the reference of the supervisor, for this user only
@@ -28,9 +28,9 @@ from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
 from robocorba.system.damaged_files import set_aside
 from robocorba.system.decoding import decode_json
 from robocorba.system.endpoints import is_free
-from robocorba.system.names import CONSOLE
+from robocorba.system.names import CONSOLE, PORTS
 from robocorba.system.private_files import claim_state
-from robocorba.system.settings import Address
+from robocorba.system.settings import Address, instance_folders
 
 Schema = TypeVar("Schema")
 
@@ -84,6 +84,16 @@ def started_s(pid: int) -> float:
     return int(fields[19]) / os.sysconf("SC_CLK_TCK")
 
 
+def running_instances() -> list[str]:
+    """The names of this user's instances that run on this machine."""
+    running = []
+    for name, path in instance_folders().items():
+        with contextlib.suppress(ServiceError):
+            record = StateFolder(path).read_record()
+            running += [name] if record and record.is_alive else []
+    return running
+
+
 @dataclass(frozen=True)
 class StateFolder:
     """Reads and writes the files listed at the top of this module."""
@@ -129,17 +139,18 @@ class StateFolder:
     def ports(self, servers: Sequence[str], naming: Address) -> dict[str, int]:
         """The port of each server on the naming service's host: its former port, else the first free one after the
         naming service's, which is stored. Raises PortInUse if a former port is in use."""
-        file = self.path / "ports.json"
+        file = self.path / PORTS
         stored = self._read_or_set_aside(file, dict[str, int], "servers keep the ports of up.json, or get free ones")
         if stored is None:
             stored = self._ports_of_record()
+        stored.pop("naming", None)
         for server in servers:
             port = stored.get(server)
             if port is None:
                 stored[server] = self._next_port(naming, {naming.port, *stored.values()})
             elif port == naming.port or not is_free(naming.host, port):
                 raise PortInUse(naming.host, port, f"{server} (stored in {file})")
-        self._write(file, stored)
+        self._write(file, {**stored, "naming": naming.port})
         return {server: stored[server] for server in servers}
 
     def _ports_of_record(self) -> dict[str, int]:

@@ -6,6 +6,7 @@ import inspect
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -102,6 +103,16 @@ def test_words_are_completed_and_quietly_not_where_nothing_runs(tmp_path: Path) 
         assert (ran.stdout.strip(), ran.returncode, ran.stderr) == (found, 0, "")
 
 
+@pytest.mark.parametrize("module", ["robocorba", "robocorba.clients.robot", "robocorba.clients.console"])
+def test_ctrl_c_while_modules_are_loaded_ends_a_command_quietly(module: str) -> None:
+    call = (sys.executable, "-X", "importtime", "-m", module, "watch")
+    with subprocess.Popen(call, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr and any(line.endswith(" robocorba.system\n") for line in process.stderr)
+        process.send_signal(signal.SIGINT)
+        assert "Traceback" not in process.stderr.read()
+    assert process.returncode == -signal.SIGINT
+
+
 def test_files_to_start_from_are_valid() -> None:
     for words in (("map", "new", "lab.yaml"), ("program", "new", "lab.json")):
         assert run(*words).exit_code == 0
@@ -124,30 +135,28 @@ def test_containers_call_commands_with_options_that_exist() -> None:
         found[path].make_context(path, words[len(path.split()) :])
 
 
-@pytest.mark.parametrize(("typed", "option", "purpose"), WITHOUT_EFFECT)
-def test_an_option_without_effect_is_refused(typed: str, option: str, purpose: str) -> None:
-    result = run(*typed.split())
-    assert result.exit_code == 2, result.output
-    assert f"Invalid value for '{option}'" in result.output
-    assert f"it has no effect, it is for {purpose}" in result.output
-    assert {path.name for path in Path().iterdir()} == {"two.yaml"}
+#: A command, its exit code, and what names a value beyond its limits.
+BEYOND_LIMITS = [
+    ("map show two.yaml --width 100", 2, "'--width'"),
+    ("simulation limit 5000000000", 2, "robots"),
+    ("simulation step 20000", 2, "steps"),
+    ("path L1:1,1 L1:2,2 --alternatives -1", 2, "'--alternatives'"),
+    ("watch --video new.mp4 --width 5000000000", 2, "'--width'"),
+    ("mission start move-table --table box --to L1:nan,1", 1, "'L1:nan,1' is not of the form FLOOR:X,Y"),
+    ("mission start move-table --table box --to L1:1,1,inf", 1, "'L1:1,1,inf' is not of the form FLOOR:X,Y"),
+]
+_NO_EFFECT = "Invalid value for '{}': it has no effect, it is for {}"
 
 
 @pytest.mark.parametrize(
     ("typed", "code", "reason"),
-    [
-        ("map show two.yaml --width 100", 2, "'--width'"),
-        ("simulation limit 5000000000", 2, "robots"),
-        ("simulation step 20000", 2, "steps"),
-        ("path L1:1,1 L1:2,2 --alternatives -1", 2, "'--alternatives'"),
-        ("watch --video new.mp4 --width 5000000000", 2, "'--width'"),
-        ("mission start move-table --table box --to L1:nan,1", 1, "'L1:nan,1' is not of the form FLOOR:X,Y"),
-        ("mission start move-table --table box --to L1:1,1,inf", 1, "'L1:1,1,inf' is not of the form FLOOR:X,Y"),
-    ],
+    [*((typed, 2, _NO_EFFECT.format(*of)) for typed, *of in WITHOUT_EFFECT), *BEYOND_LIMITS],
 )
-def test_values_beyond_their_limits_are_refused_before_anything_is_called(typed: str, code: int, reason: str) -> None:
+def test_what_has_no_effect_or_is_beyond_its_limits_is_refused(typed: str, code: int, reason: str) -> None:
+    """Before anything is called."""
     result = run(*typed.split())
     assert (result.exit_code, reason.lower() in result.output.lower()) == (code, True), result.output
+    assert {path.name for path in Path().iterdir()} == {"two.yaml"}
 
 
 def test_commands_refuse_their_own_input() -> None:

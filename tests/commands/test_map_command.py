@@ -224,7 +224,7 @@ def test_a_format_is_added_by_one_file(tmp_path: Path, monkeypatch: pytest.Monke
         lines(robocorba_map("export", "in.yaml", "out.txt", "-f", "other"))
         assert Path("out.txt").read_text() == "house"
         shown = "\n".join(lines(robocorba_map("export", "--help")))
-        assert "an other map (other:)" in shown and "other, Other maps (.txt)" in shown
+        assert "an other map (other:)" in shown and "other: Other maps (.txt)" in shown
         assert {"name": "other", "title": "Other maps (.txt)", "cells": False} in downloads()
         assert "| `other` | yes | yes | one |" in manual["with_table"](page)
     del sys.modules[name]

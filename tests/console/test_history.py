@@ -453,7 +453,7 @@ def test_a_lost_server_is_no_crowd_of_news_and_old_news_are_forgotten() -> None:
     happenings = Happenings()
     for at_s, step in ((0.0, ROWS), (1.0, of_server(paused=True)), (KEPT_S + 2.0, ROWS)):
         happenings.note(step, at_s)
-    assert [(each.number, each.text) for each in happenings.after(0)] == [(2, "the simulation goes on")]
+    assert [(each.number, each.text) for each in happenings.after(0)] == [(2, "the simulation continues")]
     assert happenings.after(2) == []
     assert happenings.last == 2
     before = {**ROWS, "robots": {"\u202ex": ROWS["robots"]["R1"]}}

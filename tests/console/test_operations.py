@@ -355,7 +355,7 @@ def endless(work: Work) -> None:
 def test_work_ends_with_its_client_its_server_or_its_limit() -> None:
     is_gone, work = threading.Event(), Work(LIMIT_S)
     threading.Timer(0.1, is_gone.set).start()
-    with pytest.raises(WorkEnded, match="nobody waits"):
+    with pytest.raises(WorkEnded, match="waits no longer"):
         asyncio.run(in_thread(request(is_gone), work, lambda: endless(work)))
     short = Work(0.2)
     with pytest.raises(WorkEnded, match=r"after 0\.2 s, its limit"):

@@ -64,15 +64,9 @@ def wait_wanted(events: Events, type: str, source: str) -> None:
     eventually(is_wanted, what="the interest of hall")
 
 
-def test_stats_tell_of_all_channels(events: Events) -> None:
-    eventually(lambda: is_linked(events, "lab"), what="the link")
-    rows = [line.split("\t") for line in done(events("stats")).splitlines()]
-    assert {row[0] for row in rows} == {"channel", "", "lab", "hall"}
-    assert ["from hall", "up"] in [row[1:3] for row in rows if row[0] == "lab"]
-    assert set(json.loads(done(events("stats", "--json")))) == {"lab", "hall"}
-
-
 def test_what_is_said_in_one_channel_is_heard_in_the_other(events: Events) -> None:
+    eventually(lambda: is_linked(events, "lab"), what="the link")
+    assert ["lab", "from hall", "up"] in [line.split("\t")[:3] for line in done(events("stats")).splitlines()]
     listener = events("tail", "hall", "--type", "robot.*", "--source", "A", "--count", "2")
     wait_wanted(events, "robot.*", "A")
     (proxy,) = consumers(events, "hall")

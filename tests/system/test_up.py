@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import psutil
 import pytest
@@ -18,7 +19,8 @@ from omniORB import CORBA
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 from robocorba.system.names import CHANNELS
-from testkit.processes import ROBOCORBA, Running, eventually, hang, is_running, read_json, refusal
+from robocorba.system.settings import Address
+from testkit.processes import ROBOCORBA, Running, drain, eventually, hang, is_running, read_json, refusal
 from tests.damage import damage
 
 pytestmark = [pytest.mark.system, pytest.mark.slow(60)]
@@ -228,3 +230,27 @@ def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> N
     eventually(lambda: answers(planner) > 0, what="answers again")
     assert running.stop() == 0
     assert running.left_behind() == []
+
+
+def test_two_instances_run_side_by_side(launch: Launch, tmp_path: Path) -> None:
+    def started(*words: str) -> subprocess.Popen[str]:
+        return launch(ROBOCORBA, *words, XDG_STATE_HOME=str(tmp_path))
+
+    def printed(*words: str) -> str:
+        return started(*words).communicate(timeout=60)[0]
+
+    systems = {name: started("up", "--instance", name, "--hang-limit", "60") for name in ("anna", "bob")}
+    for name, process in systems.items():
+        drain(Running(process, tmp_path, Address("0.0.0.0", 1)).wait_ready().process)
+        robot = started("robot", name, "--instance", name, "--floor", "L1")
+        assert robot.stdout and robot.stdout.readline() == "ready\n"
+    for name in systems:
+        (robots,) = read_json(printed("watch", "--json", "--instance", name))["robots"]
+        assert robots["name"] == name and "goal" in printed("path", "L1:17,1.2", "L1:17,4", "--instance", name)
+    assert f"(process id {systems['anna'].pid}) uses the state folder" in refusal(started("up", "--instance", "anna"))
+    systems["anna"].send_signal(signal.SIGINT)
+    assert systems["anna"].wait(60) == 0
+    nothing = f"nothing runs in {tmp_path / 'robocorba-anna'}; instances that run: bob\n"
+    assert printed("status", "--instance", "anna") == nothing
+    assert "instance 'anna' does not run" in refusal(started("path", "L1:1,1", "L1:2,2", "--instance", "anna"))
+    assert [*read_json(printed("status", "--json", "--instance", "bob"))["robots"]] == ["bob"]

@@ -67,4 +67,4 @@ class PairListener:
         except (NotReachable, EventError, CORBA.Exception) as error:
             if str(error) != self._problem:
                 self._problem = str(error)
-                _log.info("can't subscribe to %s at %s, attempts go on: %s", self._type, self._channel, error)
+                _log.info("can't subscribe to %s at %s, it keeps trying: %s", self._type, self._channel, error)

@@ -142,7 +142,7 @@ def _report_left_out(ground: BaseGeometry, kept: Polygon, why: str, level: Level
             found.append(part)
             point = part.representative_point()
             losses.add(
-                f"outline: {{n}} parts of the floor apart from the largest are left out, {why}: {{names}}",
+                f"outline: {{n}} parts of the floor except the largest are left out, {why}: {{names}}",
                 f"{level.name} {part.area:.2f} m2 at ({point.x:.2f}, {point.y:.2f})",
             )
     return found

@@ -84,7 +84,7 @@ class RobotChannel:
             except (NotReachable, EventError) as error:
                 if str(error) != self._problem:
                     self._problem = str(error)
-                    _log.info("%s can't subscribe to %s, attempts go on: %s", self._name, self._channel, error)
+                    _log.info("%s can't subscribe to %s, it keeps trying: %s", self._name, self._channel, error)
 
     def _receive(self, event: Event) -> None:
         self._receiver(event.type, event.source, event.payload, event.origin)

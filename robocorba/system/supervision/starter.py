@@ -150,7 +150,7 @@ class _WarmParent:
         """The answer to a request. Raises StartFailed."""
         async with self._lock:
             answer = await self._exchange(request, descriptors)
-            if answer is None:  # it had ended, or ended meanwhile
+            if answer is None and not self._is_closed:  # it had ended, or ended meanwhile
                 self._kill_strays(request.get("title", ""))
                 answer = await self._exchange(request, descriptors)
         if answer is None or "error" in answer:
@@ -170,7 +170,8 @@ class _WarmParent:
             if answer := await asyncio.wait_for(loop.sock_recv(self._channel, MAX_REQUEST), limit_s):
                 return dict(json.loads(answer))
         except (OSError, asyncio.TimeoutError) as error:
-            _log.error("the warm parent does not answer (%s)", type(error).__name__)
+            if not self._is_closed:
+                _log.error("the warm parent does not answer (%s)", type(error).__name__)
         self._process.send_signal(signal.SIGKILL)  # a late answer must not be taken for that to another request
         await self._process.wait()
         return None

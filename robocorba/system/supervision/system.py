@@ -55,8 +55,8 @@ class System:
     before_ready: called in a thread once every server has answered, before the system is ready.
     building: absolute path passed to the servers, or None. start_limit_s: time limit for each process to
     answer its first call. hang_limit: when one that does not answer any more is restarted. console: where the
-    operator's console listens, None for no console. is_guarded: roles decide who may do what, see
-    robocorba.system.roles.
+    operator's console listens, None for no console; port 0: a free one, kept as those of servers.
+    is_guarded: roles decide who may do what, see robocorba.system.roles.
     certificates: a folder with ca.pem and tls.pem, for a guarded system that uses TLS; None for no TLS."""
 
     folder: StateFolder
@@ -87,7 +87,9 @@ class System:
                     prepare()
             except KeyboardInterrupt:
                 return
-            ports = self.folder.ports([server.name for server in self.servers], self.naming)
+            names = [server.name for server in self.servers]
+            is_open = self.console is not None and not self.console.port
+            ports = self.folder.ports([*names, CONSOLE] if is_open else names, self.naming)
             if self.is_guarded:
                 Access.create(self.folder.path, self.naming, self.certificates)
             else:
@@ -124,7 +126,10 @@ class System:
             Supervised(self._server(server, ports[server.name], orb), starter, self.hang_limit, changed)
             for server in self.servers
         ]
-        consoles = [Supervised(self._console(self.console), starter, changed=changed)] if self.console else []
+        consoles = []
+        if self.console:
+            address = Address(self.console.host, self.console.port or ports[CONSOLE])
+            consoles.append(Supervised(self._console(address), starter, changed=changed))
         robots = Robots(self._robot, starter, changed)
         processes += [names, *servers, *consoles]
         self._serve_supervisor(orb, processes, robots)

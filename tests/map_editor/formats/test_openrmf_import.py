@@ -215,7 +215,7 @@ def test_what_breaks_a_rule_is_left_out_and_counted() -> None:
             [[300, 0], [310, 0], [310, 10]],
             {"floors": [{"vertices": [0, 1, 2, 3]}, {"vertices": [11, 12, 13]}], "walls": [[11, 12], [2, 12]]},
             [
-                "outline: 1 parts of the floor apart from the largest are left out, no lane leads there: "
+                "outline: 1 parts of the floor except the largest are left out, no lane leads there: "
                 "L1 0.12 m2 at (15.38, -0.25)",
                 "walls and doors in parts of the floor that are left out: 1: L1 w0",  # the other one stands on both
             ],
@@ -224,7 +224,7 @@ def test_what_breaks_a_rule_is_left_out_and_counted() -> None:
             [[20, -10], [40, -10], [40, 110], [20, 110]],
             {"holes": [{"vertices": [11, 12, 13, 14]}]},
             [
-                "outline: 1 parts of the floor apart from the largest are left out, holes cut them off: "
+                "outline: 1 parts of the floor except the largest are left out, holes cut them off: "
                 "L1 5.00 m2 at (0.50, -2.50)",
                 "walls and doors in parts of the floor that are left out: 1: L1 w3",
             ],
