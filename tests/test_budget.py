@@ -1,5 +1,5 @@
 """How much there is of everything: the numbers may only fall. A change that makes something smaller lowers its number.
-Only a part that was promised and missing may raise it: last the senses of robots that speak ROS 2, and their tests."""
+Only a part that was promised and missing may raise it: last instances, the list of types of events, and their tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_260,
+    "lines of code": 52_262,
     "classes": 967,
     "upper-case names of modules": 1_066,
     "kernels": 66,
