@@ -87,8 +87,8 @@ def test_an_instance_wins_over_variables_and_yields_to_options(tmp_path: Path, m
     assert Settings.read() == Settings(Address("a", 1), other)
     folder.mkdir()
     (folder / "up.json").write_text('{"naming": "c:3"}')
-    choose_instance("anna")
-    assert RobotSettings.read(["A"]).common == Settings.read() == Settings(Address("c", 3), folder)
+    anna = RobotSettings.read(["A", "--instance", "anna"]).common
+    assert anna == Settings.read() == Settings(Address("c", 3), folder)
     assert Settings.read("b:2") == Settings(Address("b", 2), folder)
     assert Settings.read(state=other) == Settings(Address("127.0.0.1", 2809), other)
     (folder / "up.json").unlink()

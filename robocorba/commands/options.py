@@ -124,7 +124,7 @@ def add_instance(commands: Iterable[Any]) -> None:
     for each in waiting:
         waiting += getattr(each, "commands", {}).values()
         names = [parameter.name for parameter in each.params]
-        if of_system := {"naming", "state"} & {*names}:
+        if "instance" not in names and (of_system := {"naming", "state"} & {*names}):
             each.params.insert(min(map(names.index, of_system)), option)
 
 

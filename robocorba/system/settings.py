@@ -294,7 +294,9 @@ def _member(file: Path, name: str) -> str:
 
 def add_common_options(parser: argparse.ArgumentParser) -> None:
     """Options of every process for naming service and state folder."""
+    instance = "one of several systems on this machine; default: ROBOCORBA_INSTANCE"
     naming = "naming service, or a role's file; default: that of the running system"
+    parser.add_argument("--instance", type=choose_instance, metavar="NAME", help=instance)
     parser.add_argument("--naming", metavar="HOST:PORT|FILE", help=naming)
     parser.add_argument("--state", type=Path, metavar="DIR", help="state folder; default: ROBOCORBA_STATE")
 
