@@ -13,9 +13,9 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_068,
-    "classes": 967,
-    "upper-case names of modules": 1_067,
+    "lines of code": 52_462,
+    "classes": 977,
+    "upper-case names of modules": 1_074,
     "kernels": 66,
     "functions compiled within kernels": 76,
     "protocols": 24,
@@ -23,8 +23,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_461, "testkit": 7_082, "bench": 9_299, "robocorba/console/static": 11_717}
-WORDS_AT_MOST = {"docs": 31_855, "README.md": 1_040, "CHANGELOG.md": 2_150}
+LINES_AT_MOST = {"tests": 53_689, "testkit": 7_092, "bench": 9_599, "robocorba/console/static": 11_717}
+WORDS_AT_MOST = {"docs": 31_940, "README.md": 1_040, "CHANGELOG.md": 2_150}
 
 
 @functools.cache
