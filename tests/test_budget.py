@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_462,
+    "lines of code": 52_461,
     "classes": 977,
     "upper-case names of modules": 1_074,
     "kernels": 66,
@@ -23,8 +23,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_689, "testkit": 7_092, "bench": 9_599, "robocorba/console/static": 11_717}
-WORDS_AT_MOST = {"docs": 31_940, "README.md": 1_040, "CHANGELOG.md": 2_150}
+LINES_AT_MOST = {"tests": 53_705, "testkit": 7_092, "bench": 9_599, "robocorba/console/static": 11_717}
+WORDS_AT_MOST = {"docs": 31_974, "README.md": 1_040, "CHANGELOG.md": 2_150}
 
 
 @functools.cache

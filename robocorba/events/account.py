@@ -53,7 +53,3 @@ class LinkEnd(NamedTuple):
     @property
     def is_up(self) -> bool:
         return not self.problem
-
-    @property
-    def is_measured(self) -> bool:
-        return self.is_up and self.round_trip_s > 0.0

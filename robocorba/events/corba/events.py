@@ -316,7 +316,7 @@ def channel_traffic(channel: Channel, links: Links) -> Any:
         [
             RoboCorba.LinkDelay(one.peer, one.gateway.round_trip_s)
             for one in links.snapshots()
-            if one.gateway.is_measured
+            if one.gateway.is_up and one.gateway.round_trip_s
         ],
     )
 
