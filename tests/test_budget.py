@@ -23,7 +23,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_705, "testkit": 7_092, "bench": 9_599, "robocorba/console/static": 11_717}
+LINES_AT_MOST = {"tests": 53_705, "testkit": 7_092, "bench": 9_894, "robocorba/console/static": 11_717}
 WORDS_AT_MOST = {"docs": 31_974, "README.md": 1_040, "CHANGELOG.md": 2_150}
 
 
