@@ -192,7 +192,7 @@ class Model:
 
     def __init__(self, demand: Demand) -> None:
         self._demand = demand
-        #: What a hop between channels without a delay takes as a round trip [s]: it wakes up a process, as a call does.
+        #: What a hop between channels takes without a delay [s]: a call's time, as bench.events.advice measured.
         self._hop_s = min(demand.calls_s.values(), default=0.0)
         measured: Any = networkx.Graph()
         measured.add_weighted_edges_from((*link, round_trip_s) for link, round_trip_s in demand.round_trips_s.items())
@@ -222,7 +222,7 @@ class Model:
                 start, load
             )
             for here, peer in pairwise(paths[start][end]):
-                event_s += (self._hop_s + self._delay_s(here, peer)) / 2 + self._service_s(peer, load)
+                event_s += self._hop_s + self._delay_s(here, peer) / 2 + self._service_s(peer, load)
             latency += rate * (event_s + waiting_s(self._rate_of_one[there], call_s))
             total += rate
         used = {*layout.links, *(_pair(name, place) for name, place in home.items() if name != place)}
