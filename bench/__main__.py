@@ -12,7 +12,7 @@ from bench.common.harness import NOT_MEASURED
 
 BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
-    "events": ("network --network paper", "network --network paper --leader all", "network", "channel"),
+    "events": ("network --network paper", "network --network paper --leader all", "network", "channel", "advice"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
     "robots": (
         *("kinematics", "virtual_and_actual", "control", "stops", "protection", "perception", "kept_stops"),

@@ -5,6 +5,7 @@ python -m testkit.router ADDRESS=FD ...: the TUN device of each host. Hosts whos
 one sub-network; a router links it with each other one. It prints whether it has real-time priority, reads lines of
 JSON on stdin, answers each with the traffic between sub-networks so far, and ends with its stdin:
   {"delay_us": 200}    one-way delay between sub-networks
+  {"far_us": {"192.168.8": 90}}    the same, in addition to it, to and from each sub-network
   {"mbit_s": 10}       bit rate of each sub-network's segment; 0 for no limit
   {"is_cut": true}     drop all packets between sub-networks from now on
   {}                   change nothing
@@ -27,6 +28,7 @@ import socket
 import sys
 import time
 from collections import deque
+from collections.abc import Mapping
 
 #: Size of the largest IP packet [bytes].
 PACKET_BYTES = 65536
@@ -43,7 +45,7 @@ class Segment:
     """The medium of a sub-network, with an unlimited rate at first."""
 
     def __init__(self) -> None:
-        self.mbit_s = 0.0
+        self.mbit_s, self.far_ns = 0.0, 0
         self.dropped = 0
         self._free_ns = 0
 
@@ -107,15 +109,23 @@ class Network:
                 return
             self.packets += 1
             self.bytes += len(packet)
-            arrives_ns += self.delay_ns
+            arrives_ns += self.delay_ns + self.segments[subnet].far_ns + self.segments[packet[16:19]].far_ns
         heapq.heappush(self._moving, (arrives_ns, next(self._count), subnet, packet))
 
-    def change(self, delay_us: float | None = None, mbit_s: float | None = None, is_cut: bool | None = None) -> None:
+    def change(
+        self,
+        delay_us: float | None = None,
+        mbit_s: float | None = None,
+        is_cut: bool | None = None,
+        far_us: Mapping[str, float] | None = None,
+    ) -> None:
         """Change what is given."""
         self.delay_ns = self.delay_ns if delay_us is None else round(1000 * delay_us)
         self.is_cut = self.is_cut if is_cut is None else is_cut
-        for segment in self.segments.values():
+        for address, segment in self.segments.items():
             segment.mbit_s = segment.mbit_s if mbit_s is None else mbit_s
+            far_ns = 1000 * (far_us or {}).get(".".join(map(str, address)), 0.0)
+            segment.far_ns = segment.far_ns if far_us is None else round(far_ns)
 
 
 def carry(devices: dict[bytes, int], control: int) -> None:

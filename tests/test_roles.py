@@ -18,7 +18,7 @@ from tests.clock import Clock
 READS = ("_get_", "get", "find", "floor", "element", "read", "check", "export", "default", "scan", "state", "client")
 READS += ("sensor", "render", "mission", "leaders", "report", "peers", "icons", "adaptors", "reservations", "elevators")
 READS += ("postures", "lastScans", "typedFloorChanges", "publishTypedChanges", "laser", "proximity", "changesSince")
-READS += ("proposals", "rangeSensors", "ranges", "editsSince", "subscribe", "for_consumers", "routeBack")
+READS += ("proposals", "rangeSensors", "ranges", "editsSince", "subscribe", "for_consumers", "routeBack", "traffic")
 
 
 def interfaces() -> dict[str, Any]:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 from robocorba.commands.tables import Sheet, snake_cased
+from robocorba.errors.events import EventError
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba.remote_channel import TIMEOUT_S, RemoteChannel
 from robocorba.orb.orb import Orb
@@ -23,10 +24,19 @@ SPARE = ("unseen", "repeated", "unconfirmed", "expired", "name", "bytes", "packe
 StateOrProblem = Any | str
 
 
-def query(orb: Orb, names: Sequence[str]) -> dict[str, StateOrProblem]:
-    """The state of each channel, or the reason why it is not available. Queries the channels concurrently."""
+def query(
+    orb: Orb, names: Sequence[str], ask: Callable[[RemoteChannel], Any] = RemoteChannel.state
+) -> dict[str, StateOrProblem]:
+    """What each channel answers, or the reason why it does not. Asks the channels concurrently."""
+
+    def tried(name: str) -> StateOrProblem:
+        try:
+            return ask(RemoteChannel(orb, name, TIMEOUT_S))
+        except (NotReachable, EventError) as error:
+            return str(error)
+
     with ThreadPoolExecutor(THREADS) as threads:
-        return dict(zip(names, threads.map(lambda name: _query(orb, name), names), strict=True))
+        return dict(zip(names, threads.map(tried, names), strict=True))
 
 
 def as_json(state: StateOrProblem) -> Any:
@@ -54,13 +64,6 @@ def sheets(states: Mapping[str, StateOrProblem]) -> list[Sheet]:
         Sheet(("channel", "federation", "disconnected after failures", "problem"), channels),
         *(Sheet(("channel", what, *more[what], *ACCOUNT), found, SPARE) for what, found in rows.items() if found),
     ]
-
-
-def _query(orb: Orb, name: str) -> StateOrProblem:
-    try:
-        return RemoteChannel(orb, name, TIMEOUT_S).state()
-    except NotReachable as error:
-        return str(error)
 
 
 def _proxy(proxy: Any) -> tuple[object, ...]:

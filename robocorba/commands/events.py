@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robocorba.commands import event_stats
+from robocorba.commands import event_advice, event_stats
 from robocorba.commands.options import COMPLETIONS, ChannelName, Json, Naming, connected
 from robocorba.commands.tables import Sheet, print_json, show
+from robocorba.commands.waiting import StopSignal, progress
 from robocorba.errors.base import RoboCorbaError
-from robocorba.errors.events import InvalidEvent
+from robocorba.errors.events import InvalidEvent, TooFewEvents
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba.remote_channel import RemoteChannel
 from robocorba.events.queue import QueuePolicy
@@ -44,30 +45,50 @@ app = typer.Typer(no_args_is_help=True)
 peer_app = typer.Typer(help="Link channels and remove links.", no_args_is_help=True)
 app.add_typer(peer_app, name="peer")
 
+_ChannelNames = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[CHANNEL]...", help="Default: all.", autocompletion=COMPLETIONS["channel"]),
+]
 _Peer = Annotated[str, typer.Argument(metavar="PEER", help="Name of the other channel.")]
 
 
 @app.command()
 def stats(
-    channels: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="[CHANNEL]...", help="Default: all.", autocompletion=COMPLETIONS["channel"]),
-    ] = None,
+    channels: _ChannelNames = None,
     json: Json = False,
     naming: Naming = None,
 ) -> None:
     """Show proxies, links and event counts of channels. Exit code 0 if all answer, else 1."""
     with connected("events stats", naming) as orb:
-        names = channels or orb.names(CHANNELS, RESOLVE_TIMEOUT_S)
-        if not names:
-            raise NotReachable(f"no event channel is bound in the naming service at {orb.naming}")
-        states = event_stats.query(orb, names)
+        states = event_stats.query(orb, channels or _channels(orb))
     if json:
         print_json({name: event_stats.as_json(state) for name, state in states.items()})
     else:
         show(*event_stats.sheets(states))
     if any(isinstance(state, str) for state in states.values()):
         raise typer.Exit(1)
+
+
+@app.command()
+def advise(
+    channels: _ChannelNames = None,
+    seconds: Annotated[float, typer.Option(metavar="S", min=0.1, max=3600.0, help="Measure for S seconds.")] = 10.0,
+    json: Json = False,
+    naming: Naming = None,
+) -> None:
+    """Predict whether the federation is faster than one central channel or links of another shape, now."""
+    with connected("events advise", naming) as orb:
+        names, ticks = channels or _channels(orb), StopSignal().ticks(0.2, seconds)
+        try:
+            with progress(seconds) as show_progress:
+                measured = event_advice.measure(orb, names, lambda: [show_progress(done, "") for done in ticks])
+        except TooFewEvents as error:
+            print_json({"verdict": "unknown", "sentence": str(error)}) if json else echo(str(error))
+            return
+    if json:
+        print_json(event_advice.as_json(*measured))
+    else:
+        show(event_advice.sheet(*measured))
 
 
 @app.command()
@@ -207,6 +228,14 @@ def _moment(time_s: float) -> str:
 
 
 # ---- connections ----
+
+
+def _channels(orb: Orb) -> list[str]:
+    """The names of all channels. Raises NotReachable if there is none."""
+    names = list(orb.names(CHANNELS, RESOLVE_TIMEOUT_S))
+    if not names:
+        raise NotReachable(f"no event channel is bound in the naming service at {orb.naming}")
+    return names
 
 
 def _received(client: EventClient, channel: str, pattern: tuple[str, str]) -> Generator[Event, None, None]:

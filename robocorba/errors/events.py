@@ -77,6 +77,24 @@ class InvalidPeer(FieldError, EventError):
     """`field` of a peer's address is invalid."""
 
 
+class OutdatedChannel(NamedError, EventError):
+    """The channel runs a release that can't answer."""
+
+    message = "channel {name} runs release 0.1.0, which measures no traffic; it needs a later one"
+
+
+class TooFewEvents(StructuredError, EventError):
+    """`count` events were delivered during a measurement of `seconds`, fewer than `needed`."""
+
+    count: int
+    seconds: float
+    needed: int
+    message = (
+        "too few events to judge: {count} were delivered in {seconds:.3g} s, {needed} are needed; measure while robots "
+        "work, or longer"
+    )
+
+
 class SessionOver(EventError):
     """The session was ended by a later join of the same gateway, or by a restart of the feed."""
 

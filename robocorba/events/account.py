@@ -38,7 +38,7 @@ class LinkEnd(NamedTuple):
     problem: why it is down, empty while it is up. joins: number of sessions since the start. interest: of the end that
     receives. lag_s: of a feed the age of the oldest queued event [s], of a gateway the latency of the last event, from
     its creation to its arrival [s]. packets, bytes: those that arrived since the start, each once. unseen: number of
-    events that the peer did not want."""
+    events that the peer did not want. round_trip_s: of a gateway, the shortest of its latest calls [s]."""
 
     problem: str
     joins: int
@@ -48,6 +48,7 @@ class LinkEnd(NamedTuple):
     packets: int = 0
     bytes: int = 0
     unseen: int = 0
+    round_trip_s: float = 0.0
 
     @property
     def is_up(self) -> bool:

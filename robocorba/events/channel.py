@@ -28,6 +28,7 @@ from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.resequencer import Arrival, Resequencer
 from robocorba.events.seen_events import SeenEvents
 from robocorba.events.subscription import Interest, Pattern, SubscriptionMatch, match_subscription
+from robocorba.events.traffic import OriginTraffic, TrafficCounter
 
 _DEFAULTS = ChannelPolicy()
 _log = logging.getLogger(__name__)
@@ -48,6 +49,7 @@ class _Route(NamedTuple):
 
     #: Header of the events, with their origin.
     header: EventHeader
+    traffic: OriginTraffic
     proxies: list[tuple[ProxySupplier, SubscriptionMatch]]
     #: The other channels that want the events, by the feed of the peer that is next on the way to them.
     ways: list[tuple[Feed, list[str]]]
@@ -61,6 +63,8 @@ class _Route(NamedTuple):
     def supply(self, batch: EventBatch, now: float, claims: Claims) -> None:
         """Pass a batch to the consumers of this channel; called with the lock."""
         claims += [(proxy, batch) for proxy, match in self.proxies if proxy.accept(batch, match, now)]
+        self.traffic.events += len(batch)
+        self.traffic.deliveries += len(batch) * len(self.proxies)
         for feed in self.uninterested:
             feed.unseen += len(batch)
 
@@ -82,6 +86,7 @@ class Channel:
         self.proxy_suppliers: dict[str, ProxySupplier] = {}
         self.feeds: dict[str, Feed] = {}
         self.is_destroyed = False
+        self.traffic = TrafficCounter()
         self._interest = Interest()
         self._seen, self._policy = seen, policy
         self._blocking_budget = BlockingBudget()
@@ -111,7 +116,7 @@ class Channel:
 
         Blocks while the queue of a consumer with policy BLOCK_SUPPLIER is full, see BlockingBudget; events of missions
         and emergency stops never wait. Raises ProxyGone."""
-        now = self._clock.now()
+        began, now = time.perf_counter(), self._clock.now()
         if 0.0 in batch.times:
             batch.times = [moment or now for moment in batch.times]
         count = len(batch.payloads)
@@ -131,6 +136,7 @@ class Channel:
             is_to_wait = route.blocking_size and not is_urgent(batch.header.type)
             if not is_to_wait:
                 claims = self._send(batch, route, now - epoch)
+                self.traffic.note_service(time.perf_counter() - began)
         if is_to_wait:
             self._publish_blocking(batch, route.blocking_size)
         else:
@@ -301,7 +307,7 @@ class Channel:
                 if proxy.is_blocking:
                     blocking.append(proxy)
         blocking_size = min((proxy.policy.size for proxy in blocking), default=0)
-        return _Route(header, proxies, ways, uninterested, blocking, blocking_size)
+        return _Route(header, self.traffic.of(origin), proxies, ways, uninterested, blocking, blocking_size)
 
     # ---- subscriptions; called with the lock ----
 

@@ -183,7 +183,10 @@ class Gateway:
         problem = self.problem
         with self._channel.lock:
             account = self._account.snapshot()
-        return LinkEnd(problem, self._joins, account, self.in_force, self._lag_s, self._packets, self._bytes)
+        with self._lock:
+            round_trip_s = self._clock.round_trip_s
+        counts = (self._packets, self._bytes)
+        return LinkEnd(problem, self._joins, account, self.in_force, self._lag_s, *counts, round_trip_s=round_trip_s)
 
     # ---- link maintenance ----
 

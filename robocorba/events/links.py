@@ -309,8 +309,10 @@ class Links:
         check_name(name, field)
         if name == self._channel.name:
             raise InvalidPeer(field, "a channel cannot be a peer of itself")
-        if name not in self._links and len(self._links) >= MAX_CHANNELS - 1:
-            raise InvalidPeer(field, f"the channel has {MAX_CHANNELS - 1} peers, the maximum")
+        with self._channel.lock:
+            known = {entry.name for entry in self._channel.federation.advertisements} | self._links.keys()
+        if name not in known and len(known) >= MAX_CHANNELS:
+            raise InvalidPeer(field, f"the federation of {self._channel.name} has {MAX_CHANNELS} channels, the maximum")
 
     def _link_of(self, session: str) -> _Link:
         for link in list(self._links.values()):

@@ -38,6 +38,11 @@ class PeerClock:
         if len(self._measured) == 1 or abs(measured - self.behind_s) > STEADY_S:
             self.behind_s = measured
 
+    @property
+    def round_trip_s(self) -> float:
+        """The shortest round trip of the latest exchanges [s]; 0 before the first one."""
+        return min(self._measured)[0] if self._measured else 0.0
+
     def reset(self) -> None:
         """The peer's process may be another one, on another machine."""
         self._measured.clear()

@@ -67,8 +67,8 @@ class ProxyPushSupplier(ProxySupplier):
         self._busy = False
         #: How many events a supplier's thread may deliver in one call; 0 before the first call of the proxy's thread.
         self._inline = 0
-        #: Mean duration of a call [s].
-        self._mean_s = 0.0
+        #: Mean and shortest duration of the latest calls [s], 0 before the first one.
+        self.mean_s = self.fastest_s = 0.0
         #: Events that arrive before this time are a flood [s, time.perf_counter].
         self._flood_until = 0.0
         self._thread: Background | None = None
@@ -80,7 +80,7 @@ class ProxyPushSupplier(ProxySupplier):
     def connect(self, client: ConsumerPort) -> None:
         self._give_up_repeating()
         super().connect(client)
-        self.failures, self._mean_s, self._inline = 0, 0.0, 0
+        self.failures, self.mean_s, self._inline = 0, 0.0, 0
         self.problem = ""
         self._wake()
 
@@ -230,10 +230,11 @@ class ProxyPushSupplier(ProxySupplier):
             self._busy, self._in_flight = False, 0
             self.failures = self._repeats = 0
             self.problem = ""
-            self._mean_s = 0.9 * self._mean_s + 0.1 * took if self._mean_s else took
-            self._flood_until = time.perf_counter() + min(delivery.flood_gap * self._mean_s, delivery.max_flood_gap_s)
+            self.mean_s = 0.9 * self.mean_s + 0.1 * took if self.mean_s else took
+            self.fastest_s = min(took, 1.001 * self.fastest_s or took)
+            self._flood_until = time.perf_counter() + min(delivery.flood_gap * self.mean_s, delivery.max_flood_gap_s)
             if (
-                self._mean_s > delivery.fast_call_s
+                self.mean_s > delivery.fast_call_s
                 or client is not self.client
                 or self.condition is not ProxyCondition.CONNECTED
             ):

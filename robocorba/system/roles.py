@@ -90,7 +90,7 @@ RULES: Mapping[str, Mapping[str, Roles]] = {
     "RobotAdaptor": _rules((EVERYBODY, "read"), (ROBOTS, "start stop write")),
     "SensingAdaptor": _rules((EVERYBODY, "read rangeSensors ranges readings"), (ROBOTS, "start stop write")),
     "EventChannel": _rules(
-        (EVERYBODY, "_get_release _get_name state subscribe for_consumers routeBack"),
+        (EVERYBODY, "_get_release _get_name state traffic subscribe for_consumers routeBack"),
         (PUBLISHERS, "supply for_suppliers"),
         (OPERATORS, "unsubscribe"),
         # The address of a peer may contain the key of another guarded system.

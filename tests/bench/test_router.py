@@ -59,3 +59,6 @@ def test_packets_share_segments_in_both_directions_and_take_two_and_the_link_to_
     network.put(packet(A, B), 2 * 10**9)
     arrived = [network.take(3 * 10**9) for _ in range(3)]
     assert arrived == [packet(C, A), packet(A, B), None] and network.packets == 3
+    network.change(is_cut=False, mbit_s=0, far_us={"192.168.8": 50})
+    network.put(packet(C, A), 4 * 10**9)
+    assert network.due_ns == 4 * 10**9 + 350_000

@@ -22,7 +22,7 @@ from robocorba.events.account import Account
 from robocorba.events.channel import Channel
 from robocorba.events.channel_store import Peer
 from robocorba.events.event import EventBatch, EventHeader
-from robocorba.events.federation import Advertisement, Federation
+from robocorba.events.federation import MAX_CHANNELS, Advertisement, Federation
 from robocorba.events.gateway import FeedPort, Gateway
 from robocorba.events.links import LinkSnapshot
 from robocorba.events.peer_clock import MAX_EXCHANGES, STEADY_S, Exchange, PeerClock
@@ -42,6 +42,22 @@ def link(node: Node) -> LinkSnapshot:
 
 def is_up(*nodes: Node) -> bool:
     return all(state.feed.is_up and state.gateway.is_up for node in nodes for state in node.links.snapshots())
+
+
+def test_a_channel_too_many_is_refused_at_both_ends_and_named() -> None:
+    names = ["A", *(f"c{number}" for number in range(1, MAX_CHANNELS))]
+    chain = [
+        Advertisement(name, 1, tuple(names[max(0, at - 1) : at] + names[at + 1 : at + 2]), ())
+        for at, name in enumerate(names)
+    ]
+    with Network("A") as network:
+        links = network["A"].links
+        links.add(Peer("c1"))
+        links.learn(chain[1:])
+        links.add(Peer(names[-1]))  # it is in the federation
+        for call in (lambda: links.add(Peer("new")), lambda: links.join("new", "new", lambda *_: [])):
+            with pytest.raises(InvalidPeer, match="the federation of A has 256 channels, the maximum"):
+                call()
 
 
 def record(node: Node, peer: str) -> Peer:

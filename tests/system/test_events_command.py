@@ -5,12 +5,18 @@ from __future__ import annotations
 import json
 import signal
 import subprocess
+import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
+from omniORB import CORBA
 
+from robocorba.errors.events import OutdatedChannel
+from robocorba.events.corba.event_client import Event, EventClient
+from robocorba.events.corba.remote_channel import RemoteChannel
+from robocorba.orb.orb import Orb
 from robocorba.system.supervision.launch import module_command
 from testkit.processes import ROBOCORBA, Running, eventually, running_system
 
@@ -137,3 +143,41 @@ def test_the_example_clients(launch: Launch, federation: Running, events: Events
     assert len(lines) == 3
     assert all(str(number) in line for number, line in enumerate(lines))
     assert consumers(events, "hall") == []
+
+
+@pytest.fixture
+def lab(federation: Running) -> Iterator[EventClient]:
+    with Orb(federation.naming) as orb, EventClient(orb, "lab", "A", timeout_s=30.0) as client:
+        yield client
+
+
+def test_advice_compares_the_federation_with_other_layouts(events: Events, lab: EventClient) -> None:
+    eventually(lambda: is_linked(events, "lab"), what="the link")
+    assert done(events("advise", "--seconds", "0.2")).startswith("too few events to judge: ")
+    received, pause = list[Event](), threading.Event()
+    lab.subscribe(received.append, "local")
+    advising = events("advise", "--seconds", "5", "--json")
+    while advising.poll() is None:
+        lab.push_many("local", range(20))
+        pause.wait(0.02)
+    advice = json.loads(done(advising))
+    layouts = {one["layout"]: one for one in advice["layouts"]}
+    now = layouts["the federation as it is"]
+    assert set(layouts) == {"the federation as it is", "one central channel in hall", "one central channel in lab"}
+    assert advice["verdict"] in ("keep", "as good")  # all deliveries are local
+    # The simulation server publishes at lab, too, and nobody receives it.
+    assert now["messages"] == 0.0 < layouts["one central channel in lab"]["latency_s"]
+    assert 1.0 < layouts["one central channel in hall"]["messages"] <= 2.0
+    assert 0.0 < now["latency_s"] <= layouts["one central channel in hall"]["latency_s"]
+
+
+def test_a_channel_of_the_first_release_is_named() -> None:
+    class OldChannel:
+        def resolve(self, *_: object) -> OldChannel:
+            return self
+
+        def traffic(self) -> None:
+            raise CORBA.BAD_OPERATION
+
+    with pytest.raises(OutdatedChannel, match="channel lab runs release"):
+        RemoteChannel(cast(Orb, OldChannel()), "lab").traffic()

@@ -1,4 +1,4 @@
-"""python -m bench.events.channel [latency|throughput|fanout|mesh|all] [--quick]"""
+"""python -m bench.events.channel [latency|throughput|fanout|mesh|growth|all] [--quick]"""
 
 from __future__ import annotations
 
@@ -7,12 +7,13 @@ from functools import partial
 
 from bench.common.harness import run
 from bench.events.channel.consumers import fanout
+from bench.events.channel.growth import growth
 from bench.events.channel.mesh import mesh
 from bench.events.channel.speed import latency, throughput
 
 
 def main(*bench: str, quick: bool = False) -> bool:
-    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, fanout, mesh)}
+    benches = {one.__name__: partial(one, quick) for one in (latency, throughput, fanout, mesh, growth)}
     names = list(benches) if bench in ((), ("all",)) else bench
     if unknown := set(names) - benches.keys():
         sys.exit(f"there is no bench {', '.join(unknown)}; there are {', '.join(benches)}, all")

@@ -6,6 +6,7 @@ import itertools
 import statistics
 import string
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import psutil
@@ -43,15 +44,7 @@ def _mesh(count: int, rounds: int, seconds: float) -> dict[str, Any]:
     names = string.ascii_letters[:count]
     pairs = [a + b for a, b in itertools.combinations(names, 2)]
     with folder_of_bench() as folder, channels(folder) as federation:
-        for name in names:
-            federation.spawn(name)
-        for name in names:
-            federation.wait_ready(name)
-        began = time.monotonic()
-        for a, b in pairs:
-            federation.channel(a).addPeer(RoboCorba.PeerAddress(b, "", False))
-        eventually(lambda: federation.is_up(*pairs), LINK_LIMIT_S, "links")
-        linked_s = time.monotonic() - began
+        linked_s = link(federation, names, pairs)
         time.sleep(SETTLE_S)
         pids = [process.pid for process in federation.processes.values()]
         cpu, began = Cpu(pids), time.monotonic()
@@ -69,6 +62,19 @@ def _mesh(count: int, rounds: int, seconds: float) -> dict[str, Any]:
         "noticed, s": statistics.median(noticed),
         "slowest": max(noticed),
     }
+
+
+def link(federation: Channels, names: Sequence[str], pairs: Sequence[Any]) -> float:
+    """Start channels and link these pairs; the time from the first to the last link [s]."""
+    for name in names:
+        federation.spawn(name)
+    for name in names:
+        federation.wait_ready(name)
+    began = time.monotonic()
+    for a, b in pairs:
+        federation.channel(a).addPeer(RoboCorba.PeerAddress(b, "", False))
+    eventually(lambda: federation.is_up(*pairs), LINK_LIMIT_S, "links")
+    return time.monotonic() - began
 
 
 def _noticed_s(federation: Channels, names: str, pairs: list[str]) -> float:

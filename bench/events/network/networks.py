@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from testkit.json_process import Process
 from testkit.namespaces import Namespace, start_router
@@ -44,12 +44,12 @@ class Counts(NamedTuple):
 class Network:
     """Hosts, and a process that carries their packets; what it models: testkit/router.py. Use it in a `with`."""
 
-    def __init__(self, folder: Path, cores: Sequence[int]) -> None:
-        """Raises OSError without the right to create namespaces."""
+    def __init__(self, folder: Path, cores: Sequence[int], addresses: Mapping[str, str] = ADDRESS_OF) -> None:
+        """addresses: by host. Raises OSError without the right to create namespaces."""
         self.folder, self._cores = folder, cores
         with contextlib.ExitStack() as stack:
-            self.hosts = {host: stack.enter_context(Namespace()) for host in ADDRESS_OF}
-            devices = {ADDRESS_OF[name]: host.add_tun(ADDRESS_OF[name]) for name, host in self.hosts.items()}
+            self.hosts = {host: stack.enter_context(Namespace()) for host in addresses}
+            devices = {addresses[name]: host.add_tun(addresses[name]) for name, host in self.hosts.items()}
             self._router = stack.enter_context(start_router(devices, folder, cores))
             self._stack = stack.pop_all()
 
@@ -68,9 +68,9 @@ class Network:
         """Run a command on a host."""
         return Process(self.hosts[host].command(*command), self.folder / f"{name}.log", cores or self._cores)
 
-    def change(self, link: Link) -> None:
-        """Change what connects the hosts."""
-        self._router.ask({"mbit_s": link.mbit_s, "delay_us": link.delay_us})
+    def change(self, link: Link, **more: Any) -> None:
+        """Change what connects the hosts. more: further commands of testkit/router.py."""
+        self._router.ask({"mbit_s": link.mbit_s, "delay_us": link.delay_us, **more})
 
     def counts(self) -> Counts:
         """Traffic between sub-networks so far."""

@@ -88,6 +88,10 @@ class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
     def state(self) -> Any:
         return events.channel_state(self._channel, self._proxies, self._links)
 
+    @translating
+    def traffic(self) -> Any:
+        return events.channel_traffic(self._channel, self._links)
+
     # ---- peers ----
 
     @translating

@@ -5,6 +5,9 @@ An EventRun of the IDL is an EventBatch here. The IDL's batch, a sequence of run
 
 from __future__ import annotations
 
+import os
+import statistics
+import time
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
@@ -33,8 +36,10 @@ from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name,
 from robocorba.events.links import Links
 from robocorba.events.proxies import Proxies, ProxySnapshot
 from robocorba.events.proxy import ProxyCondition, ProxyKind
+from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import Pattern, Subscription, checked
+from robocorba.events.traffic import ChannelTraffic, OriginTraffic
 from robocorba.orb.bounded_any import TC_ANY
 from robocorba.orb.exceptions import register, register_system, register_with
 from robocorba.orb.structs import Converter, enumeration, struct_converter
@@ -290,6 +295,43 @@ def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
         states,
         proxies.lost_clients,
         known,
+    )
+
+
+def channel_traffic(channel: Channel, links: Links) -> Any:
+    """A ChannelTraffic."""
+    with channel.lock:
+        counter = channel.traffic
+        origins = [RoboCorba.OriginTraffic(name, one.events, one.deliveries) for name, one in counter.origins.items()]
+        proxies = [p for p in channel.proxy_suppliers.values() if p.condition is ProxyCondition.CONNECTED]
+        called = [p for p in proxies if isinstance(p, ProxyPushSupplier) and p.mean_s]
+    return RoboCorba.ChannelTraffic(
+        time.monotonic(),
+        origins,
+        len(proxies),
+        statistics.fmean(proxy.mean_s for proxy in called) if called else 0.0,
+        min((proxy.fastest_s for proxy in called), default=0.0),
+        counter.service_s,
+        os.getloadavg()[0] / (os.cpu_count() or 1),
+        [
+            RoboCorba.LinkDelay(one.peer, one.gateway.round_trip_s)
+            for one in links.snapshots()
+            if one.gateway.is_up and one.gateway.round_trip_s
+        ],
+    )
+
+
+def traffic_of(struct: Any) -> ChannelTraffic:
+    """The traffic of a ChannelTraffic struct."""
+    return ChannelTraffic(
+        struct.clock,
+        {one.origin: OriginTraffic(one.events, one.deliveries) for one in struct.origins},
+        struct.consumers,
+        struct.call,
+        struct.fastestCall,
+        struct.service,
+        struct.load,
+        {one.peer: one.roundTrip for one in struct.delays},
     )
 
 

@@ -4,6 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
+from omniORB import CORBA
+
+from robocorba.errors.events import OutdatedChannel
+from robocorba.events.corba import events
+from robocorba.events.traffic import ChannelTraffic
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import translated
 from robocorba.stubs import RoboCorba
@@ -25,6 +30,14 @@ class RemoteChannel:
         """Its RoboCorba::ChannelState."""
         with translated(f"channel {self._name}"):
             return self._channel.state()
+
+    def traffic(self) -> ChannelTraffic:
+        """Raises OutdatedChannel for one of release 0.1.0."""
+        with translated(f"channel {self._name}"):
+            try:
+                return events.traffic_of(self._channel.traffic())
+            except CORBA.BAD_OPERATION:
+                raise OutdatedChannel(self._name) from None
 
     def add_peer(self, peer: str, address: str, is_foreign: bool) -> None:
         """Link it with another one in both directions. address: empty to look it up by its name. is_foreign: it
