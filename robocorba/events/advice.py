@@ -124,6 +124,8 @@ def demand_between(before: Mapping[str, ChannelTraffic], after: Mapping[str, Cha
         seconds = after[here].clock_s - before[here].clock_s
         for origin in channels:
             earlier, later = (traffic[here].origins.get(origin, none) for traffic in (before, after))
+            if later.events < earlier.events:
+                earlier = none  # the channel was restarted meanwhile
             events[origin, here] = (later.events - earlier.events) / seconds
             deliveries[origin, here] = (later.deliveries - earlier.deliveries) / seconds
             total += later.deliveries - earlier.deliveries

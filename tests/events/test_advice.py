@@ -173,6 +173,8 @@ def test_the_demand_is_the_difference_of_two_measurements() -> None:
     }
     assert found.round_trips_s == {("hall", "lab"): pytest.approx(0.003)}
     assert found.calls_s == {"lab": CALL_S, "hall": CALL_S}  # no consumer at hall was called
+    restarted = {**before, "lab": traffic(10.0, {"lab": 900})}
+    assert demand_between(restarted, after).deliveries["lab", "lab"] == 20.5
     with pytest.raises(TooFewEvents, match="4 were delivered in 10 s, 200 are needed") as refused:
         demand_between(before, {"lab": traffic(20.0, {"lab": 9}), "hall": traffic(109.0, {})})
     assert (refused.value.count, refused.value.needed) == (4, 200)

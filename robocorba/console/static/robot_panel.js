@@ -10,7 +10,7 @@ import SureButton from "/static/sure_button.js";
 
 export default {
   components: { ProximityRing, SureButton },
-  // also: names of further selected robots. past: as the time bar says it; then: the robot's body on the shown floor at that moment, or null.
+  // also: names of further selected robots; past: as the time bar says it; then: the robot's body there, or null.
   props: {
     robot: Object, also: Array, scans: Array, rights: Object, floors: Array, past: Object, then: Object, process: Object,
   },
