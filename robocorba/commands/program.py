@@ -57,7 +57,7 @@ def check(
         place = parse_place(at, "at") if at else None
         is_served = bool(naming) or is_given(context, "instance")
         if building and is_served:
-            raise typer.BadParameter("give --building, --naming or --instance")
+            raise typer.BadParameter("give only one of --building, --naming and --instance")
         program = read("check", file)
 
         from robocorba.robot.kinematics.inverse import InverseKinematics

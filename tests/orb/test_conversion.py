@@ -37,7 +37,7 @@ LOCAL = {
     *("Unreachable", "InvalidPlan", "StalePlan", "ImpossibleCarry", "RideLost"),
     *("GoalReached", "InTheWay", "MissionTakenOver"),
     *("NotDelivered", "Unconfirmed", "Refused", "InternalFault", "ClientGone", "RobotHeld"),
-    *("OutputError", "LimitExceeded", "WorkEnded", "Blind", "Bumped"),
+    *("OutputError", "LimitExceeded", "WorkEnded", "Blind", "Bumped", "OutdatedChannel", "TooFewEvents"),
 }
 
 

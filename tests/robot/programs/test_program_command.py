@@ -66,7 +66,7 @@ def test_a_file_that_is_no_program(command: str) -> None:
     [
         (("--at", "L1"), "FLOOR:X,Y"),
         (("--building", "none.yaml"), "none.yaml"),
-        (("--naming", "127.0.0.1:1", "--building", "five-floors"), "not both"),
+        (("--naming", "127.0.0.1:1", "--building", "five-floors"), "only one of"),
     ],
 )
 def test_options_that_can_not_be(arguments: tuple[str, ...], reason: str) -> None:
