@@ -67,8 +67,13 @@ _PATROL = f"""async () => {{ const call = {_CALL}, program = {_PROGRAM};
     await call("run_program", {{robot: "B", program: program(37, 14, 36, 10)}}); }}"""
 _CARRY = f"""async () => {{ const call = {_CALL};
     for (const robot of ["A", "B", "C"]) await call("abort_program", {{robot}});
-    await call("start_mission", {{leader: "C", icon: {{icon: "move_table", table: "cafe-table-1",
-        to: {{floor: "L1", x: 28.5, y: 5.0, heading: 0}}}}}}); }}"""
+    for (let tries = 0; ; tries++) {{  // until C has ended its program
+        const {{error}} = await call("start_mission", {{leader: "C", icon: {{icon: "move_table", table: "cafe-table-1",
+            to: {{floor: "L1", x: 28.5, y: 5.0, heading: 0}}}}}});
+        if (!error) return;
+        if (tries === 60) throw new Error(error);
+        await new Promise((again) => setTimeout(again, 500));
+    }} }}"""
 _ASK = f"""async () => {{ const call = {_CALL};
     const ask = {{icon: "confirm", question: "hand is free?", seconds: 600}};
     await call("run_program", {{robot: "C", program: JSON.stringify({{name: "hand", icons: [ask]}})}}); }}"""
