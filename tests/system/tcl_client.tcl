@@ -772,6 +772,7 @@ subject events_with_headers {
 
     set state [$channel state]
     check {[get $state name] eq $channel_name && "durable" in [names [get $state proxies] name]}
+    check {$channel_name in [names [get [$channel traffic] origins] origin]}
     $proxy disconnect_push_supplier
     refused UnknownSubscription {name nobody} {$channel unsubscribe nobody}
     $channel unsubscribe durable
