@@ -309,7 +309,8 @@ class Operator:
         expect(note).to_have_count(0)
 
     def drive_together(self) -> None:
-        """Several selected robots get places side by side, and stop together."""
+        """Several selected robots get places side by side, and stop together. How far they come depends on the machine:
+        R1 is put back."""
         note, names = self.page.locator(".drive-note"), ("R1", "R2")
         self.robot_row("R1").click()
         self.robot_row("R2").click(modifiers=["Shift"])
@@ -324,6 +325,11 @@ class Operator:
             for name in names:
                 expect(self.robot_row(name)).to_contain_text(state)
         self.press("Escape")
+        x, y = START["R1"]
+        place = f"{{ body: 'R1', floor: 'L1', x: {x}, y: {y} }}"
+        self.page.evaluate(f"async () => (await import('/static/live.js')).call('place', {place})")
+        self.robot_row("R1").click()
+        expect(self.fact("pose")).to_contain_text(f"L1: {x:.2f} m, {y:.2f} m")
 
     def drive_by_hand(self) -> None:
         """For as long as a key or a button is held, and the page is open."""
@@ -470,8 +476,15 @@ class Operator:
         self.button("Run").click()
         expect(self.page.locator(".icon-card.is-running")).to_have_count(1)
         expect(self.card("mbase_path")).to_have_class(re.compile("is-running"))
+        resume, refusal = (
+            monitor.get_by_role("button", name="Resume time"),
+            monitor.locator(".simulation-bar .is-problem"),
+        )
         pause.click()
-        expect(monitor.get_by_role("button", name="Resume time")).to_be_visible()
+        expect(resume.or_(refusal)).to_be_visible()
+        if refusal.is_visible():  # a server that has too much to do asks to try again
+            pause.click()
+        expect(resume).to_be_visible()
         pace.select_option("time 1x")
         monitor.close()
         for icon in ("mhand_posture", "say", "mbase_velocity"):

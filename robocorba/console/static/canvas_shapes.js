@@ -1,17 +1,25 @@
 // Shapes on a canvas, in the units of its context; all points are [x, y].
 
 export function addPolygon(path, points) {
-  points.forEach(([x, y], index) => (index ? path.lineTo(x, y) : path.moveTo(x, y)));
+  addLines(path, points);
   path.closePath();
 }
 
-export function addLine(path, a, b) {
-  path.moveTo(a[0], a[1]);
-  path.lineTo(b[0], b[1]);
+function addLines(path, points) {
+  for (const [x, y] of points.slice(0, 1)) path.moveTo(x, y);
+  for (const [x, y] of points.slice(1)) path.lineTo(x, y);
 }
 
-export function polygon(context, points) {
-  trace(context, points, true);
+export const addLine = (path, a, b) => addLines(path, [a, b]);
+
+export const polygon = (context, points) => trace(context, points, true);
+
+// The context's present path: its line, and pale within.
+export function fillPale(context, alpha = 0.3) {
+  context.globalAlpha = alpha;
+  context.fill();
+  context.globalAlpha = 1;
+  context.stroke();
 }
 
 export function line(context, a, b) {
@@ -22,7 +30,7 @@ export function line(context, a, b) {
 
 export function trace(context, points, isClosed) {
   context.beginPath();
-  points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
+  addLines(context, points);
   if (isClosed) context.closePath();
 }
 
@@ -33,14 +41,11 @@ export function cross(context, [x, y], size, isTurned = false) {
   line(context, [x - b, y + a], [x + b, y - a]);
 }
 
-export function ring(context, x, y, radius) {
+function circle(context, x, y, radius) {
   context.beginPath();
   context.arc(x, y, radius, 0, 2 * Math.PI);
-  context.stroke();
+  return context;
 }
 
-export function disc(context, x, y, radius) {
-  context.beginPath();
-  context.arc(x, y, radius, 0, 2 * Math.PI);
-  context.fill();
-}
+export const ring = (...circleOf) => circle(...circleOf).stroke();
+export const disc = (...circleOf) => circle(...circleOf).fill();

@@ -2,6 +2,12 @@
 import { pictureOf, titleOf } from "/static/icon_looks.js";
 import { IconParameters } from "/static/icon_parameters.js";
 
+const TOOLS = [
+  ["arrow_upward", "Move up", "Alt+Up", "shift", -1], ["arrow_downward", "Move down", "Alt+Down", "shift", 1],
+  ["content_copy", "Copy", "Ctrl+C", "copy"], ["content_paste", "Paste after it", "Ctrl+V", "paste"],
+  ["delete", "Remove", "Delete", "remove"],
+];
+
 export const IconForm = {
   components: { IconParameters },
   props: { schema: Object, node: Object, choices: Object, problems: Array },
@@ -11,16 +17,8 @@ export const IconForm = {
       <div class="icon-top"><h2 class="icon-title"><q-icon :name="pictureOf(node.icon)" size="20px" />
         {{ titleOf(node.icon) }}</h2>
       <div class="icon-tools">
-        <q-btn dense flat round size="sm" icon="arrow_upward" aria-label="Move up" title="Move up (Alt+Up)"
-               @click="$emit('shift', -1)" />
-        <q-btn dense flat round size="sm" icon="arrow_downward" aria-label="Move down" title="Move down (Alt+Down)"
-               @click="$emit('shift', 1)" />
-        <q-btn dense flat round size="sm" icon="content_copy" aria-label="Copy" title="Copy (Ctrl+C)"
-               @click="$emit('copy')" />
-        <q-btn dense flat round size="sm" icon="content_paste" aria-label="Paste after it" title="Paste (Ctrl+V)"
-               @click="$emit('paste')" />
-        <q-btn dense flat round size="sm" icon="delete" aria-label="Remove" title="Remove (Delete)"
-               @click="$emit('remove')" />
+        <q-btn v-for="[icon, label, keys, ...event] in tools" :key="icon" dense flat round size="sm" :icon="icon"
+               :aria-label="label" :title="label + ' (' + keys + ')'" @click="$emit(...event)" />
       </div></div>
       <p class="icon-description" tabindex="0">{{ definition.description.replaceAll("\`", "") }}</p>
       <icon-parameters :key="node.id" :schema="schema" :definition="definition" :values="node.values" :choices="choices"
@@ -31,6 +29,7 @@ export const IconForm = {
         {{ parameter }} {{ reason }}</p>
     </form>`,
   computed: {
+    tools: () => TOOLS,
     definition() {
       return this.schema.icons.get(this.node.icon);
     },

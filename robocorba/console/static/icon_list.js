@@ -12,9 +12,9 @@ export const IconList = {
   name: "IconList",
   props: { list: Array, parentId: [Number, null], listName: String, editor: Object },
   template: `
-    <ol class="icon-list" :aria-label="label" @dragover.prevent.stop="over($event, list.length)"
+    <ol class="icon-list" :aria-label="label" @dragover.prevent.stop="over(list.length)"
         @drop.prevent.stop="editor.drop($event)">
-      <li v-for="(node, index) in list" :key="node.id" @dragover.prevent.stop="over($event, half($event, index))"
+      <li v-for="(node, index) in list" :key="node.id" @dragover.prevent.stop="over(half($event, index))"
           @drop.prevent.stop="editor.drop($event)">
         <div class="icon-gap" :class="{ 'is-target': isTarget(index) }"></div>
         <div class="icon-card" tabindex="0" role="button" draggable="true" :data-icon="node.icon" :data-id="node.id"
@@ -102,7 +102,7 @@ export const IconList = {
       const box = event.currentTarget.querySelector(".icon-card").getBoundingClientRect();
       return event.clientY > box.top + box.height / 2 ? index + 1 : index;
     },
-    over(event, index) {
+    over(index) {
       this.editor.over(this.parentId, this.listName, index);
     },
   },

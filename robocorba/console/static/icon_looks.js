@@ -43,8 +43,8 @@ export function titleOf(icon) {
 // "icon 5, inside 1", and kinds of icons have their titles.
 export function plainWords(text) {
   const paths = text.replace(/\bicons\[\d+\](?:\.\w+\[\d+\])*/g, (path) => path
-    .replace(/^icons\[(\d+)\]/, (whole, index) => `icon ${Number(index) + 1}`)
-    .replace(/\.(\w+)\[(\d+)\]/g, (whole, list, index) => `, ${INSIDE[list] ?? list} ${Number(index) + 1}`));
+    .replace(/^icons\[(\d+)\]/, (_, index) => `icon ${Number(index) + 1}`)
+    .replace(/\.(\w+)\[(\d+)\]/g, (_, list, index) => `, ${INSIDE[list] ?? list} ${Number(index) + 1}`));
   return paths.replace(/\b[a-z]+_[a-z_]+\b/g, (word) => (word in LOOKS ? `\u201c${titleOf(word)}\u201d` : word));
 }
 

@@ -95,7 +95,7 @@ function outOfRange(parameter, value) {
 
 // The name of a parameter as the form has it: joints[2] is the third of the joints.
 export function spoken(parameter) {
-  return parameter.replaceAll("_", " ").replace(/\[(\d+)\]/g, (whole, index) => ` ${Number(index) + 1}`);
+  return parameter.replaceAll("_", " ").replace(/\[(\d+)\]/g, (_, index) => ` ${Number(index) + 1}`);
 }
 
 // Problems as lines of text, missing parameters in one: [{kind, text}].

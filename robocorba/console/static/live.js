@@ -174,7 +174,7 @@ class Live {
     let missions = false;
     for (const what of this.wanted.values()) {
       const floors = what.floors ?? [];
-      const add = (set, names) => (names === true ? floors : names || []).forEach((name) => set.add(name));
+      const add = (set, names) => { for (const name of names === true ? floors : names || []) set.add(name); };
       add(watch, floors);
       add(scans, what.scans);
       add(postures, what.postures);

@@ -1,5 +1,5 @@
 // Pointer and keys on the map: drawing with a tool, selecting, moving and dragging handles.
-import { distance, handlesOf, idOf, rounded } from "/static/map_model.js";
+import { distance, idOf, rounded } from "/static/map_model.js";
 import { changeOf, current, joinedEdits, moveEdits, toggled } from "/static/map_selection.js";
 import { onGrid, snap } from "/static/map_snap.js";
 import { closes, TOOLS } from "/static/map_tools.js";
@@ -11,6 +11,8 @@ const NUDGE_MS = 400;
 const FIELDS = "form, input, select, textarea";
 const BUTTONS = "button, a, [role=tab]";
 const BUTTON_KEYS = ["Enter", " ", "Delete", "Backspace", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
+// What a key means is done, whatever that answers.
+const handled = () => true;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export class MapHands {
@@ -211,26 +213,30 @@ export class MapHands {
     if (event.ctrlKey || event.metaKey) return this.command(letter, event.shiftKey);
     if (ARROWS[event.key]) return this.arrow(ARROWS[event.key], event.shiftKey);
     if (event.key === "Escape") return this.escape();
-    if (event.key === "Enter" && this.draft.length) return this.finish(), true;
-    if (event.key === "Backspace" && this.draft.length) return (this.draft = this.draft.slice(0, -1)), true;
+    if (event.key === "Enter" && this.draft.length) return handled(this.finish());
+    if (event.key === "Backspace" && this.draft.length) return handled(this.dropPoint());
     // Backspace is also a key of typing, and a field that disappears leaves the focus on no element.
     const isRemoval = event.key === "Delete" || (event.key === "Backspace" && event.target === page.canvas.canvas);
-    if (isRemoval) return page.removeSelected(), true;
-    if (event.key === " " && page.toolDefinition.points) return this.keyPoint(), true;
-    if (event.key === "+") return page.canvas.zoom(1.4), true;
-    if (event.key === "-") return page.canvas.zoom(1 / 1.4), true;
-    if (event.key === "0") return page.canvas.fit(), true;
+    if (isRemoval) return handled(page.removeSelected());
+    if (event.key === " " && page.toolDefinition.points) return handled(this.keyPoint());
+    if (event.key === "+") return handled(page.canvas.zoom(1.4));
+    if (event.key === "-") return handled(page.canvas.zoom(1 / 1.4));
+    if (event.key === "0") return handled(page.canvas.fit());
     const tool = !event.altKey && TOOLS.find((each) => each.key === letter);
-    return tool ? (page.setTool(tool.name), true) : false;
+    return tool ? handled(page.setTool(tool.name)) : false;
+  }
+
+  dropPoint() {
+    this.draft = this.draft.slice(0, -1);
   }
 
   command(letter, isShift) {
     const { page } = this;
-    if (letter === "z" && !isShift && this.draft.length) return (this.draft = this.draft.slice(0, -1)), true;
-    if (letter === "z") return isShift ? page.redo() : page.undo(), true;
-    if (letter === "y") return page.redo(), true;
-    if (letter === "a") return page.select(page.elements.shown.map(idOf)), true;
-    if (letter === "d") return page.duplicateSelected(), true;
+    if (letter === "z" && !isShift && this.draft.length) return handled(this.dropPoint());
+    if (letter === "z") return handled(isShift ? page.redo() : page.undo());
+    if (letter === "y") return handled(page.redo());
+    if (letter === "a") return handled(page.select(page.elements.shown.map(idOf)));
+    if (letter === "d") return handled(page.duplicateSelected());
     return false;
   }
 

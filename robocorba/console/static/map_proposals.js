@@ -1,5 +1,5 @@
 // What robots have seen and no map has: drawn with dashes, and a panel to accept or reject it.
-import { polygon } from "/static/canvas_shapes.js";
+import { fillPale, polygon } from "/static/canvas_shapes.js";
 import { call } from "/static/live.js";
 
 // Interval of asking for proposals [ms].
@@ -26,10 +26,7 @@ export class ProposalLayer {
       context.lineWidth = canvas.px(name === this.chosen ? 3 : 2);
       context.setLineDash([canvas.px(6), canvas.px(4)]);
       polygon(context, outline);
-      context.globalAlpha = 0.12;
-      context.fill();
-      context.globalAlpha = 1;
-      context.stroke();
+      fillPale(context, 0.12);
     }
     context.setLineDash([]);
   }

@@ -59,7 +59,7 @@ function nearestLine(point, elements, records, step, reach) {
   };
   for (const record of records) if (record.kind === "wall") offer(record.members.from, record.members.to);
   const outline = elements.get(`floor/${elements.floor}`)?.members.outline ?? [];
-  outline.forEach((at, n) => offer(at, outline[(n + 1) % outline.length]));
+  for (const [n, at] of outline.entries()) offer(at, outline[(n + 1) % outline.length]);
   return found;
 }
 

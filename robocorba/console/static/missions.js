@@ -67,7 +67,7 @@ export default {
     return {
       rows: [], selected: LINKED, mission: null, now: 0, problem: "", empty: "connecting", aborting: {}, notes: {},
         isOrdering: false,
-      standing: "", report: null, reportProblem: "", isReportShown: false,
+      standing: "", report: null, reportProblem: "", reportTurn: 0, isReportShown: false,
     };
   },
   computed: {
@@ -153,7 +153,7 @@ export default {
       if (this.isReportShown) this.loadReport();
     },
     async loadReport() {
-      const turn = (this.reportTurn = (this.reportTurn ?? 0) + 1);
+      const turn = ++this.reportTurn;
       const [report, problem] = await call("mission_report", { name: this.selected })
         .then((found) => [found, ""], ({ message }) => [this.report, message]);
       if (turn === this.reportTurn) [this.report, this.reportProblem] = [report, problem];

@@ -1,6 +1,6 @@
 // What the monitor draws on a floor beside its bodies: scans, planned ways, reserved areas, lost robots, a body being
 // moved.
-import { cross, disc, line, polygon, ring, trace } from "/static/canvas_shapes.js";
+import { cross, disc, fillPale, line, polygon, ring, trace } from "/static/canvas_shapes.js";
 import { areaRanges, hasAreas, rayEnds } from "/static/sensor_views.js";
 import { distanceTo, placed } from "/static/segments.js";
 import { shortened, wrapped } from "/static/texts.js";
@@ -249,10 +249,7 @@ export class MonitorScene {
       context.arc(x, y, body.radius, heading, heading + 2 * Math.PI);
       context.lineTo(x, y);
     }
-    context.globalAlpha = 0.3;
-    context.fill();
-    context.globalAlpha = 1;
-    context.stroke();
+    fillPale(context);
     context.setLineDash([]);
   }
 
@@ -274,7 +271,7 @@ export class MonitorScene {
     context.fillStyle = canvas.colors.collision;
     context.textAlign = "center";
     context.textBaseline = "middle";
-    lines.forEach((text, index) => context.fillText(text, px, py - height / 2 + 14 + 18 * index));
+    for (const [index, text] of lines.entries()) context.fillText(text, px, py - height / 2 + 14 + 18 * index);
   }
 }
 

@@ -102,8 +102,10 @@ export const checking = {
     return new Map(others.map(({ number, x, y }) => [number, { x, y }]));
   },
   haveBodiesMoved() {
-    const now = this.bodiesAround(this.robot), before = (this.checkedBodies ??= now);
+    const now = this.bodiesAround(this.robot);
+    this.checkedBodies ??= now;
     if (!now || document.hidden || performance.now() - this.checkedTime < MOVED_MS) return false;
+    const before = this.checkedBodies;
     const moved = ([key, { x, y }]) => !(Math.hypot(x - before.get(key)?.x, y - before.get(key)?.y) <= MOVED_M);
     return now.size !== before.size || [...now].some(moved);
   },

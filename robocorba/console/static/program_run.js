@@ -123,7 +123,7 @@ export class ProgramRun {
 
 // A text whose paths of icons count from icon `first` of the program on: with paths that count from its begin.
 export function shiftedPaths(text, first) {
-  return text.replace(/(?<![.\w])icons\[(\d+)\]/g, (whole, index) => `icons[${Number(index) + first}]`);
+  return text.replace(/(?<![.\w])icons\[(\d+)\]/g, (_, index) => `icons[${Number(index) + first}]`);
 }
 
 // Paths of the icons that hold the icon of a path, from outside.

@@ -101,7 +101,7 @@ export class ArticulatedRobot {
     this.links = new Map();
     this.turns = [];
     for (const link of shape.model.links) {
-      let parent = link.parent ? this.links.get(link.parent) : this.group;
+      const parent = link.parent ? this.links.get(link.parent) : this.group;
       let frame = new THREE.Group();
       frame.position.set(...link.at);
       parent.add(frame);
@@ -153,7 +153,9 @@ export class ArticulatedRobot {
     screen.font = "bold 36px sans-serif";
     screen.fillText(`${sign} ${kind}`, 128, 34, 244);
     screen.font = "25px sans-serif";
-    wrapped(screen, text, 244).slice(0, 4).forEach((line, row) => screen.fillText(line, 128, 78 + 29 * row, 244));
+    for (const [row, line] of wrapped(screen, text, 244).slice(0, 4).entries()) {
+      screen.fillText(line, 128, 78 + 29 * row, 244);
+    }
     this.texture.needsUpdate = true;
   }
 

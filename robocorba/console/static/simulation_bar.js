@@ -9,7 +9,7 @@ export default {
     <div class="simulation-bar" role="group" aria-label="Simulated time">
       <q-btn dense no-caps outline :icon="state?.paused ? 'play_arrow' : 'pause'" :disable="!mayAct"
              :label="state?.paused ? 'Resume time' : 'Pause time'" :title="why"
-             @click="act(state.paused ? 'resume' : 'pause')" />
+             @click="order(state.paused ? 'resume_simulation' : 'pause_simulation')" />
       <q-btn v-if="state?.paused" dense no-caps outline label="Step" :disable="!mayAct" title="0.1 s" @click="step" />
       <select :value="state?.pace ?? 1" :disabled="!mayAct" aria-label="Pace of simulated time" :title="why"
               @change="setPace($event)">
@@ -18,15 +18,16 @@ export default {
       <span v-if="error" class="is-problem" role="alert" :title="error">{{ error }}</span>
     </div>`,
   data() {
-    return { state: null, isLost: false, error: "" };
+    return { state: null, isConnected: true, error: "" };
   },
   computed: {
+    // A server that is late with news of itself may obey all the same, or the order says that it does not answer.
     mayAct() {
-      return Boolean(this.rights.administrator && this.state && !this.isLost);
+      return Boolean(this.rights.administrator && this.state && this.isConnected);
     },
     why() {
       if (!this.rights.administrator) return "pausing needs a console with the rights of an administrator";
-      return this.mayAct ? "simulated time, for everybody" : "the simulation server does not answer";
+      return this.mayAct ? "simulated time, for everybody" : "the console or the simulation server does not answer";
     },
     paces() {
       const pace = this.state?.pace ?? 1;
@@ -39,16 +40,11 @@ export default {
   },
   unmounted() {
     this.unlisten();
-    clearTimeout(this.timer);
   },
   methods: {
     update() {
-      const server = live.state?.server;
-      this.state = server?.state?.state ?? null;
-      this.isLost = !live.isConnected || Boolean(server?.problem);
-    },
-    act(word) {
-      return this.order(`${word}_simulation`);
+      this.state = live.state?.server?.state?.state ?? null;
+      this.isConnected = live.isConnected;
     },
     step() {
       return this.order("step_simulation", { steps: 5 });
@@ -59,10 +55,8 @@ export default {
     },
     async order(operation, argument = {}) {
       this.error = "";
-      clearTimeout(this.timer);
       this.error = await call(operation, argument).then(() => "", ({ message }) => message);
-      if (this.error) this.timer = setTimeout(() => { this.error = ""; }, 8000);
-      else if (operation === "set_pace") this.state = { ...this.state, pace: argument.pace };
+      if (!this.error && operation === "set_pace") this.state = { ...this.state, pace: argument.pace };
     },
   },
 };

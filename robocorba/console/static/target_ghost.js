@@ -1,5 +1,5 @@
 // The ghost of an object at its target on a map: its footprint with an arrow, by whose tip it is turned.
-import { disc, line, polygon } from "/static/canvas_shapes.js";
+import { disc, fillPale, line, polygon } from "/static/canvas_shapes.js";
 import { isInside, placed } from "/static/segments.js";
 
 // The tip is so far from the footprint, and is taken within this distance [pixels].
@@ -29,10 +29,7 @@ export function drawGhost(context, canvas, outline, target, color) {
   context.strokeStyle = context.fillStyle = color;
   context.lineWidth = canvas.px(2);
   polygon(context, placed(outline, { at: [x, y], heading }));
-  context.globalAlpha = 0.3;
-  context.fill();
-  context.globalAlpha = 1;
-  context.stroke();
+  fillPale(context);
   line(context, [x, y], tip);
   disc(context, ...tip, canvas.px(6));
 }

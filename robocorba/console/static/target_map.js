@@ -74,7 +74,7 @@ export const TargetMap = {
   mounted() {
     this.canvas = new FloorCanvas(this.$refs.canvas, { pointer: (...news) => this.pointer(...news) });
     this.canvas.overlays = [{
-      above: (context, canvas) => this.draw(context, canvas), labels: (context, canvas) => this.drawRooms(canvas),
+      above: (context, canvas) => this.draw(context, canvas), labels: (_, canvas) => this.drawRooms(canvas),
     }];
     this.canvas.areNamesShown = false; // set for each picture
     this.canvas.selected = this.robot;
