@@ -80,7 +80,7 @@ PURE = (
 )
 
 #: Timeout of every wait, for busy machines [s].
-LIMIT_S = 90.0
+LIMIT_S = 120.0
 
 
 class Operator:
@@ -103,6 +103,13 @@ class Operator:
         dialog.dismiss()
 
     # ---- anywhere ----
+
+    def another_page(self) -> Page:
+        """In the same browser, as of another person."""
+        assert self.page.context.browser
+        page = self.page.context.browser.new_page(locale="en-GB")
+        page.set_default_timeout(1000 * LIMIT_S)
+        return page
 
     def open(self, title: str) -> None:
         """Open a page by the navigation; the first one by the address."""
@@ -335,8 +342,7 @@ class Operator:
         """For as long as a key or a button is held, and the page is open."""
         self.robot_row("R2").click()
         speed = self.fact("speed")
-        assert self.page.context.browser
-        other = self.page.context.browser.new_page()
+        other = self.another_page()
         other.goto(f"{self.address}?robot=R2")
         expect(other.locator(".robot-table [aria-selected=true]")).to_contain_text("R2")
         for page, let_go in ((self.page, lambda: self.page.keyboard.up("ArrowRight")), (other, other.close)):
@@ -465,9 +471,7 @@ class Operator:
     def run_program(self) -> None:
         """Icons are lit while they run. Simulated time is paused in another tab while the robot is on its way, slowly:
         it must not be at the elevator before."""
-        assert self.page.context.browser
-        monitor = self.page.context.browser.new_page()
-        monitor.set_default_timeout(1000 * LIMIT_S)
+        monitor = self.another_page()
         monitor.goto(self.address)
         pause = monitor.get_by_role("button", name="Pause time")
         expect(pause).to_be_enabled()
@@ -577,8 +581,7 @@ class Operator:
         expect(self.page.locator(".time-text")).to_contain_text("ago")
         self.page.wait_for_url(re.compile("robot=R1.*at="))
         moment = str(clock.text_content())
-        assert self.page.context.browser
-        with contextlib.closing(self.page.context.browser.new_page(locale="en-GB")) as linked:
+        with contextlib.closing(self.another_page()) as linked:
             linked.goto(self.page.url)
             expect(linked.locator(".past-note strong")).to_have_text(moment)
             expect(linked.locator(".robot-table [aria-selected=true]")).to_contain_text("R1")
