@@ -32,6 +32,8 @@ def main(command: str, channel: str, count: str = "10") -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) not in (3, 4) or sys.argv[1] not in ("publish", "consume"):
+        sys.exit(__doc__)
     try:
         main(*sys.argv[1:])
     except RoboCorbaError as error:

@@ -66,4 +66,6 @@ def main(arguments: list[str]) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) < 3 or sys.argv[1] not in ("publish", "consume"):
+        sys.exit(__doc__)
     main(sys.argv)
