@@ -25,7 +25,7 @@ AT_MOST = {
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
 LINES_AT_MOST = {"tests": 54_113, "testkit": 7_045, "bench": 7_874, "robocorba/console/static": 11_865}
-WORDS_AT_MOST = {"docs": 31_999, "README.md": 930, "CHANGELOG.md": 2_150}
+WORDS_AT_MOST = {"docs": 31_909, "README.md": 930, "CHANGELOG.md": 2_150}
 
 
 @functools.cache
