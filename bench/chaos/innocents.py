@@ -132,10 +132,11 @@ class Carrier(threading.Thread):
         side = 1
         while not self._ending.is_set():
             goal = MIDDLES[self._leader] + side * WAY_M / 2, MIDDLE_Y_M
-            began = time.monotonic()
+            began, off_m = time.monotonic(), math.inf
             user = self._place.mission(self._leader, f"table-{self._leader}", f"{FLOOR}:{goal[0]},{goal[1]},0")
             result, reason = self._place.result(user, MISSION_S)
-            off_m = math.dist(self._place.body(f"table-{self._leader}")[:2], goal)
+            with contextlib.suppress(RoboCorbaError):
+                off_m = math.dist(self._place.body(f"table-{self._leader}")[:2], goal)
             if result == "done" and off_m < NEAR_M:
                 self.done.append(time.monotonic() - began)
             else:

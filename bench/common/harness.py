@@ -86,14 +86,9 @@ class System(NamedTuple):
     launch: Launcher
     orb: Orb
 
-    @property
-    def server(self) -> Any:
-        """Its simulation server."""
-        return self.orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-
-    @property
-    def planner(self) -> Any:
-        return self.orb.resolve("PathPlanner", RoboCorba.PathPlanner)
+    def resolve(self, interface: str) -> Any:
+        """The server that is bound by the name of its interface, such as PathPlanner."""
+        return self.orb.resolve(interface, getattr(RoboCorba, interface))
 
 
 @contextlib.contextmanager

@@ -56,7 +56,7 @@ def crowded_system(count: int, *options: str) -> Iterator[Crowd]:
         Clients(place.orb.naming, 1) as clients,
         ThreadPoolExecutor(1) as driver,
     ):
-        server = place.server
+        server = place.resolve("SimulationServer")
         clients.log_on(crowd, count, SENSING)
 
         def drive() -> None:

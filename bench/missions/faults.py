@@ -93,10 +93,6 @@ class Outcome(NamedTuple):
     attempts: int
     wrong: tuple[str, ...]
 
-    @property
-    def is_done(self) -> bool:
-        return self.result == "done"
-
 
 class Trials:
     """Successive missions at one site. both: the networks whose link is cut."""
@@ -341,13 +337,13 @@ def row(what: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     return {
         "fault": what,
         "missions": len(outcomes),
-        "done": sum(one.is_done for one in outcomes),
-        "ended safely": sum(not one.is_done and not one.wrong for one in outcomes),
+        "done": sum(one.result == "done" for one in outcomes),
+        "ended safely": sum(one.result != "done" and not one.wrong for one in outcomes),
         "wrong": sum(bool(one.wrong) for one in outcomes),
         "attempts": statistics.mean(one.attempts for one in outcomes),
         "s to the end": quantile([one.end_s for one in outcomes], 0.5),
         "most": max(one.end_s for one in outcomes),
-        "mm off": max((1000 * one.off_m for one in outcomes if one.is_done), default=None),
+        "mm off": max((1000 * one.off_m for one in outcomes if one.result == "done"), default=None),
         "drove on, s": max(one.drove_on_s for one in outcomes),
     }
 
@@ -362,7 +358,7 @@ def marks_of(fault: str, outcomes: Sequence[Outcome]) -> list[Mark]:
         at_most("drove on after the kill of the leader, s", max(one.drove_on_s for one in outcomes), DROVE_ON_S),
     ]
     if least is not None and judged:
-        share = sum(one.is_done for one in judged) / len(judged)
+        share = sum(one.result == "done" for one in judged) / len(judged)
         marks.append(at_least(f"share of the missions that are done with the fault {fault}", share, least))
     return marks
 

@@ -6,6 +6,7 @@ import contextlib
 import itertools
 import math
 from collections.abc import Collection
+from functools import partial
 from typing import NamedTuple
 
 from omniORB import CORBA
@@ -56,8 +57,8 @@ class Witness:
     def __enter__(self) -> Witness:
         events = self._stack.enter_context(EventClient(self._place.orb, self._channel))
         events.subscribe(self._on_state, "mission.state")
-        for found, type in ((self.touched, "collision"), (self.grips_lost, "grip_lost")):
-            events.subscribe(lambda e, to=found: to.append(" and ".join(e.payload["who"])), f"simulation.{type}")  # type: ignore[misc]
+        events.subscribe(partial(_note, self.touched), "simulation.collision")
+        events.subscribe(partial(_note, self.grips_lost), "simulation.grip_lost")
         self._seen = self._stack.enter_context(sampled(self._drivers_now, LOOK_S))
         return self
 
@@ -92,9 +93,13 @@ class Witness:
 
     def drove_on_s(self, robots: Collection[str], since: float) -> float:
         """Time after `since` for which one of the robots drove without a pause [s]."""
-        seen = [(at, drivers) for at, drivers in list(self._seen) if at >= since]
-        runs = (list(itertools.takewhile(lambda look, robot=robot: robot in look[1], seen)) for robot in robots)  # type: ignore[misc]
-        return max((run[-1][0] - since for run in runs if run), default=0.0)
+        longest_s, seen = 0.0, [look for look in list(self._seen) if look[0] >= since]
+        for robot in robots:
+            for at, drivers in seen:
+                if robot not in drivers:
+                    break
+                longest_s = max(longest_s, at - since)
+        return longest_s
 
     def drivers(self, since: float, until: float) -> set[str]:
         """The robots and objects that moved in this time [s]."""
@@ -127,3 +132,7 @@ class Witness:
         one = Obeyed(state.sent, state.robot, state.of, number, state.leader, state.step)
         if not any(other.step >= one.step for other in self._obeyed if other[1:4] == one[1:4]):
             self._obeyed.append(one)
+
+
+def _note(found: list[str], event: Event) -> None:
+    found.append(" and ".join(event.payload["who"]))

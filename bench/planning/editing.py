@@ -50,7 +50,7 @@ def main(rounds: int = 3, seconds: float = 25.0) -> bool:
     rows: list[dict[str, Any]] = []
     lost, samples = list[str](), dict[str, list[float]]()
     with system(building=sample_path(BUILDING)) as found, contextlib.ExitStack() as stack:
-        editor = found.orb.resolve("MapEditor", RoboCorba.MapEditor)
+        editor = found.resolve("MapEditor")
         editor.create(TALLY_FLOOR, maps.element(TALLY))
         trips = random_trips(load_sample(BUILDING), SMARTPAL_RADIUS_M, 500, seed=11)
         planners = [ObjectProcess(planner, found.orb.naming, trips[i::PLANNERS]) for i in range(PLANNERS)]

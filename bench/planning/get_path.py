@@ -39,7 +39,8 @@ def measure(name: str, calls: int, rounds: int) -> bool:
     """Time both calls on one sample building, in rounds of queries at random places."""
     rows: list[dict[str, Any]] = []
     with system(building=sample_path(name)) as found:
-        turns, points = calls_of(found.planner, random_trips(load_sample(name), SMARTPAL_RADIUS_M, calls, seed=7))
+        trips = random_trips(load_sample(name), SMARTPAL_RADIUS_M, calls, seed=7)
+        turns, points = calls_of(found.resolve("PathPlanner"), trips)
         for number in range(1, rounds + 1):
             ms = alternately(turns)
             null, path = (1e3 * statistics.median(ms[what]) for what in (NULL, PATH))

@@ -123,7 +123,7 @@ def in_process(planner: PathPlanner, building: Building, graph: nx.DiGraph[Node]
 def over_iiop(building: Building, trips: int) -> bool:
     """getPath of a real server, compared to a null call."""
     with system("--start-limit", START_LIMIT_S, building=building) as found:
-        turns, points = calls_of(found.planner, random_trips(building, SMARTPAL_RADIUS_M, trips, seed=3))
+        turns, points = calls_of(found.resolve("PathPlanner"), random_trips(building, SMARTPAL_RADIUS_M, trips, seed=3))
         ms = alternately(progress(turns, "getPath"))
     row = {"paths": len(turns), "points, mean": statistics.mean(points), **summary(ms[NULL], "null call, median ms")}
     row |= summary(ms[PATH], "getPath, median ms", "getPath, p99 ms")

@@ -129,8 +129,7 @@ def idle_and_moving(place: System, fleet: Fleet, robots: int, driving: int, seco
     rows += rows_for(seconds, fleet, others_move=[name for name in names if name not in drivers], moves=drivers)
     states = {name: fleet[name].agent.state() for name in drivers}
     stopped = {name: state for name, state in states.items() if state.condition is not AgentCondition.RUNNING}
-    for name, state in stopped.items():
-        print(f"{name}: {state.condition.name.lower()} {state.program.reason or state.reason}")
+    print(*(f"{name}: {state.program.reason or state.reason}" for name, state in stopped.items()), sep="\n")
     expired = len(EXPIRED.findall((place.running.state / "logs" / "simulation.log").read_text()))
     marks = [
         at_most("robots that did not start", robots - len(names), 0),

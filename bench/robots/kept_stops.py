@@ -16,6 +16,7 @@ import contextlib
 import random
 import threading
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -30,6 +31,8 @@ from testkit.faults import COMMAND_LIMIT_S, PATIENCE_S, WAYS, hang_for, kill, st
 from testkit.processes import ROBOCORBA, drain, eventually
 from testkit.report import at_most, distribution, quantile, summarize
 
+#: Timeout for a robot to start [s].
+START_LIMIT_S = 300.0
 NAME, FLOOR, AT = "S1", "L1", "3,5,0"
 #: A circle of 0.5 m [m/s, m/s, rad/s].
 CIRCLE = 0.2, 0.0, 0.4
@@ -60,18 +63,28 @@ class Stage:
         self._program = place.folder / "circle.json"
         self._program.write_text(dumps(ProgramBuilder("circle").mbase_velocity(*CIRCLE, 600.0).program()))
         self._look = body_of(place.orb, FLOOR, NAME)
-        self._start()
+        self._pid, self._closing = 0, threading.Event()
+        self._keeper = threading.Thread(target=self._keep, daemon=True)
+        self._keeper.start()
+        eventually(lambda: self._pid, START_LIMIT_S, "the robot")
 
-    def _start(self) -> None:
+    def close(self) -> None:
+        self._closing.set()
+        kill(self._pid)
+        self._keeper.join(PATIENCE_S)
+
+    def _keep(self) -> None:
+        """Start the robot again whenever its process ends, as a fleet does with --restart."""
         where = ("--floor", FLOOR, "--at", AT, "--channel", "main", "--program", str(self._program))
         more = ("--naming", str(self._place.orb.naming), "--state", str(self._place.folder / "robot"))
-        line = ""
-        while line != "ready\n":  # it ends where the server is away
+        while not self._closing.is_set():
             process = self._place.launch(ROBOCORBA, "robot", NAME, *where, *more)
             assert process.stdout is not None
-            line = process.stdout.readline()
-        drain(process)
-        self._pid = process.pid
+            if process.stdout.readline() == "ready\n":
+                drain(process)
+                self._pid = process.pid
+            process.wait()
+            self._pid = 0
 
     def _agent(self) -> RemoteAgent:
         return RemoteAgent(self._place.orb, NAME, 0.3)
@@ -124,25 +137,22 @@ class Stage:
 
     def _happen(self, fault: str, pause_s: float) -> None:
         time.sleep(pause_s)
-        server = eventually(lambda: self._place.running.pid("simulation"), PATIENCE_S, "the server")
-        pids = [pid for who, pid in (("server", server), ("robot", self._pid)) if fault.startswith((who, "both"))]
+        server = partial(self._place.running.pid, "simulation")
+        of: dict[str, Callable[[], int]] = {"server": server, "robot": lambda: self._pid}
+        pids = [eventually(pid, PATIENCE_S, who) for who, pid in of.items() if fault.startswith((who, "both"))]
         if "hang" in fault:
             hang_for(self._random.uniform(0.0, HANG_S), *pids)
             return
         for pid in pids:
             kill(pid)
-        if server in pids:
-            eventually(lambda: self._place.running.is_again("simulation", server), PATIENCE_S, "the server")
-        if self._pid in pids:
-            self._start()
+        eventually(lambda: not {pid() for pid in of.values()} & {0, *pids}, START_LIMIT_S, "processes that were killed")
 
 
 def main(stops: int = 200, seed: int = 1, only: str = "") -> bool:
     chosen = random.Random(seed)
     faults = [fault for fault in FAULTS if only in fault]
     outcomes: dict[str, list[Outcome]] = {}
-    with system() as place:
-        stage = Stage(place, seed)
+    with system() as place, contextlib.closing(Stage(place, seed)) as stage:
         for number in progress(range(stops), "stops"):
             outcome = stage.round(faults[number % len(faults)], chosen.choice(WAYS))
             outcomes.setdefault(outcome.fault, []).append(outcome)

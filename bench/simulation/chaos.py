@@ -32,9 +32,7 @@ def main(rounds: int = 20, seed: int = 1) -> bool:
         contextlib.closing(Chaos(place, seed)) as chaos,
     ):
         outcomes = [chaos.round() for _ in progress(range(rounds), "rounds")]
-    for number, outcome in enumerate(outcomes, 1):
-        for fault in outcome.faults:
-            print(f"MISSED in round {number}: {fault}")
+    print(*(f"round {number}: {fault}" for number, one in enumerate(outcomes, 1) for fault in one.faults), sep="\n")
     times = {title: [getattr(outcome, member) for outcome in outcomes] for member, title in TIMES.items()}
     rows = [{"after a kill": title, **summary(values, "median", worst="most")} for title, values in times.items()]
     marks = [at_most(TIMES[member], max(times[TIMES[member]]), most) for member, most in LIMITS.items()]

@@ -103,7 +103,8 @@ def main(seconds: float = 30.0, runs: int = 3, robots: int = DEFAULT_LIMIT) -> b
     with system(building=building) as place:
         key = (place.running.state / "administrator.ior").read_text()
         place.orb.reference(key, RoboCorba.SimulationAdministrator).setLimit(robots)
-        session = place.server.registerRobot(sessions.description(crowd[0]))
+        server = place.resolve("SimulationServer")
+        session = server.registerRobot(sessions.description(crowd[0]))
         calls |= alternately([{"null call (heartbeat, idle)": session.heartbeat}] * NULL_CALLS)
         session.deregister()
         for load in (FEW, MANY):
@@ -111,7 +112,7 @@ def main(seconds: float = 30.0, runs: int = 3, robots: int = DEFAULT_LIMIT) -> b
                 for number in range(1, runs + 1):
                     with PROGRESS.status(f"{load.callers} callers, run {number} of {runs}"):
                         calls["log on"] += clients.log_on(crowd, robots)
-                        found = drive(place.server, clients, load.threads, seconds, place.running.pid("simulation"))
+                        found = drive(server, clients, load.threads, seconds, place.running.pid("simulation"))
                         clients.all("log_off")
                     rows.append(row_of(str(number), load, found))
                     for what in ("command", "state"):

@@ -57,7 +57,8 @@ class Robot:
         if self._turning < -PATIENCE and math.hypot(state.moving.ahead, state.moving.left) < STUCK_M_S:
             self._turning = self._chance.randint(5, 20)
         if self._sensor:
-            self._sensor.scan(state.at, NO_MOUNT, self._laser)
+            with contextlib.suppress(RoboCorba.SensorBehind):  # on a busy machine
+                self._sensor.scan(state.at, NO_MOUNT, self._laser)
             self.session.reportPosture([0.3 * math.sin(next(self._ticks) / 5 + joint) for joint in range(len(JOINTS))])
         return command_ms, state_ms
 

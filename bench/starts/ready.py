@@ -1,7 +1,7 @@
 """`robocorba up` until `ready`.
 
     python -m bench.starts.ready [--rounds 7]
-    python -m bench.starts.ready --empty [--rounds 1]
+    python -m bench.starts.ready --empty --rounds 1
 
 Compiled kernels are in the cache; with --empty each start has an empty one, as on a new machine."""
 
@@ -32,12 +32,12 @@ def start_s(folder: Path, **environment: str) -> float:
     return ready_s
 
 
-def main(rounds: int = 0, empty: bool = False) -> bool:
+def main(rounds: int = 7, empty: bool = False) -> bool:
     seconds: dict[str, float] = {}
     with folder_of_bench() as folder:
         if not empty:
             start_s(folder)  # a new state; kernels may not be compiled yet
-        for number in progress(range(1, 1 + (rounds or (1 if empty else 7))), "starts of `robocorba up`"):
+        for number in progress(range(1, 1 + rounds), "starts of `robocorba up`"):
             place = folder / str(number) if empty else folder
             place.mkdir(exist_ok=True)
             environment = {"XDG_CACHE_HOME": str(place / "cache")} if empty else {}
@@ -49,4 +49,4 @@ def main(rounds: int = 0, empty: bool = False) -> bool:
 
 
 if __name__ == "__main__":
-    run(main, rounds="number of starts, 0: 7, or 1 if empty", empty="without compiled kernels")
+    run(main, rounds="number of starts", empty="without compiled kernels")

@@ -54,10 +54,10 @@ def test_a_small_run_of_robots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_robots, "WARM_UP_S", 0.5)
     with system(building=office()) as place, Clients(place.orb.naming, 2) as clients:
         assert len(clients.log_on(robots(office(), 12), 6)) == 6
-        found = bench_robots.drive(place.server, clients, 2, 3.5, place.running.pid("simulation"))
+        found = bench_robots.drive(place.resolve("SimulationServer"), clients, 2, 3.5, place.running.pid("simulation"))
         clients.all("log_off")
         assert (found["due"], found["lost"]) == (6 * 35, 0)
         assert 0 < len(found["command"]) <= 210
         row = bench_robots.row_of("1", Load(2, 2), found)
         assert row["pace"] > 0 and row["server cores"] > 0 < row["client cores"]
-        assert place.server._get_state().robots == 0
+        assert place.resolve("SimulationServer")._get_state().robots == 0
