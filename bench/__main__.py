@@ -19,8 +19,8 @@ BENCHES = {
         *("fleet", "fleet --robots 200 --stops 3"),
     ),
     "missions": (
-        *("carry", "network", "many", "many --site elevators", "faults", "faults --fault robots"),
-        *("faults --fault servers --site door", "faults --fault cut", "faults --fault ways"),
+        *("carry", "network", "many", "faults", "faults --fault robots", "faults --fault servers --site door"),
+        *("faults --fault cut", "faults --fault ways"),
     ),
     "console": ("viewers", "foxglove", "ros2"),
     "starts": ("ready", "kills"),

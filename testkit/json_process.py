@@ -19,7 +19,6 @@ import psutil
 from omniORB import CORBA
 
 from robocorba.orb.calls import describe, error_of
-from robocorba.system.state_folder import StateFolder
 from robocorba.system.supervision.launch import LoggedProcess, module_command
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -92,12 +91,6 @@ def answer_commands(*commands: Callable[..., Any], ready: Any = None) -> None:
     command."""
     by_name = {command.__name__: command for command in commands}
     answer_lines(lambda asked: by_name[asked.pop("do")](**asked), ready)
-
-
-def pids_of(state: Path, name: str) -> list[int]:
-    """Process ids of the servers in a state folder whose names start with `name`."""
-    record = StateFolder(state).read_record()
-    return [process.pid for process in record.processes if process.name.startswith(name)] if record else []
 
 
 class Cpu:

@@ -12,7 +12,6 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -371,15 +370,6 @@ class Watch:
             hands = [_hand_on(bodies[self._table], bodies[name]) for bodies in carried]
             worst = max(worst, max(math.dist(hand, hands[0]) for hand in hands))
         return worst
-
-    def nearest_m(self, radius_m: float) -> float:
-        """Smallest gap between two robots of a radius [m]; NaN without samples."""
-        near = (
-            math.dist(bodies[one][:2], bodies[other][:2]) - 2 * radius_m
-            for _, bodies in self.seen
-            for one, other in combinations(bodies.keys() & self._place.robots.keys(), 2)
-        )
-        return min(near, default=math.nan)
 
     def _speed(self, before: tuple[float, dict[str, BodyPose]], now: tuple[float, dict[str, BodyPose]]) -> float:
         there, here = before[1][self._table], now[1][self._table]

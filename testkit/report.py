@@ -82,15 +82,16 @@ def summarize(
 ) -> bool:
     """Print rows and marks, write NAME.json, NAME.csv and NAME.png; whether every mark was reached.
 
-    All rows have the same columns; None prints as an empty cell. draw: the picture, or draws it. shown: the columns to
+    A column that a row lacks, or None, prints as an empty cell. draw: the picture, or draws it. shown: the columns to
     print, by default all. invalid: why the measurement decides about no mark. more: for the JSON file."""
     console = Console(width=160)
     table = Table(title=title)
-    columns = list(shown or rows[0])  # in one order, whatever that of each row
+    every = list(dict.fromkeys(column for row in rows for column in row))
+    columns = shown or every
     for column in columns:
         table.add_column(column)
     for row in rows:
-        table.add_row(*(cell(row[column]) for column in columns))
+        table.add_row(*(cell(row.get(column)) for column in columns))
     console.print(table)
     for mark in marks:
         console.print(mark.sentence(invalid))
@@ -102,7 +103,7 @@ def summarize(
     found |= {"rows": list(rows), "marks": [mark.as_json() for mark in marks]}
     (RESULTS / f"{name}.json").write_text(json.dumps(found, indent=2) + "\n")
     with (RESULTS / f"{name}.csv").open("w", newline="") as file:
-        writer = csv.DictWriter(file, list(rows[0]))
+        writer = csv.DictWriter(file, every)
         writer.writeheader()
         writer.writerows(rows)
     figure = draw if isinstance(draw, Figure) else Figure(figsize=(8, 4.5), layout="constrained")

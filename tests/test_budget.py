@@ -24,8 +24,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 54_150, "testkit": 7_146, "bench": 9_894, "robocorba/console/static": 11_864}
-WORDS_AT_MOST = {"docs": 31_999, "README.md": 857, "CHANGELOG.md": 1_767}
+LINES_AT_MOST = {"tests": 54_150, "testkit": 7_045, "bench": 7_874, "robocorba/console/static": 11_864}
+WORDS_AT_MOST = {"docs": 31_909, "README.md": 857, "CHANGELOG.md": 1_767}
 
 
 @functools.cache

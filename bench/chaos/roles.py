@@ -69,20 +69,21 @@ def main() -> bool:
                     found[ROBOT].secrets.append(f"{where}: {what}")
         logged = error_lines(folder / "state")
     rows = [row(who, findings) for who, findings in found.items()]
-    complaints = [f"{who}: beyond the table: {each}" for who, findings in found.items() for each in findings.more]
-    complaints += [f"{who}: refused: {each}" for who, findings in found.items() for each in findings.less]
-    complaints += [f"{who}: secret: {each}" for who, findings in found.items() for each in findings.secrets]
-    complaints += [f"{who}: unanswered: {each}" for who, findings in found.items() for each in findings.unanswered]
+    of = {"beyond the table": "more", "refused": "less", "secret": "secrets", "unanswered": "unanswered"}
+    complaints = [
+        f"{who}: {what}: {each}"
+        for who, findings in found.items()
+        for what, name in of.items()
+        for each in getattr(findings, name)
+    ]
     changed = [f"{key}: {before[key]} became {after[key]}" for key in before if before[key] != after[key]]
     wrong = [each for each in forged if not each.is_as_documented]
     for each in forged:
         print(f"{each.who}: {each.what}: {each.refusal or 'possible'}{'  (!)' if each in wrong else ''}")
-    for complaint in [*complaints, *changed, *logged[:20]]:
-        print(complaint)
+    print(*complaints, *changed, *logged[:20], sep="\n")
+    pairs = {who: float(findings.pairs) for who, findings in found.items()}
     marks = [
-        at_least(
-            "pairs of operation and role", sum(each["operations called"] + each["out of reach"] for each in rows), 500
-        ),
+        at_least("pairs of operation and role", sum(pairs.values()) + sum(each["out of reach"] for each in rows), 500),
         *(
             at_most(what, sum(each[what] for each in rows), 0)
             for what in ("beyond the table", "refused though allowed", "secrets seen", "unanswered")
@@ -92,7 +93,6 @@ def main() -> bool:
         at_most("errors in logs", len(logged), 0),
     ]
     title = "A guarded system attacked by roles"
-    pairs = {who: float(findings.pairs) for who, findings in found.items()}
     more = {"forgeries": [each._asdict() for each in forged]}
     return summarize("chaos_roles", title, rows, marks, bars(pairs, "operations called"), **more)
 

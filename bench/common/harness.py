@@ -1,4 +1,4 @@
-"""The frame of every bench: its command line and its progress."""
+"""The frame of every bench: its command line, its progress, the system that it measures, and calls in turns."""
 
 from __future__ import annotations
 
@@ -8,14 +8,22 @@ import inspect
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import NoReturn, TypeVar
+from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from rich.progress import track
 
+from robocorba.map_editor import native
+from robocorba.map_editor.model import Building
+from robocorba.orb.orb import Orb
+from robocorba.stubs import RoboCorba
+from robocorba.system.repeating import Repeating
 from testkit.json_process import ProcessFailed
-from testkit.report import PROGRESS
+from testkit.processes import Launcher, Running, running_system
+from testkit.report import PROGRESS, timed_ms
 
 T = TypeVar("T")
 #: Exit code of a bench that could not measure.
@@ -68,3 +76,50 @@ def folder_of_bench() -> Iterator[Path]:
     """A folder for all files of a bench but its results."""
     with tempfile.TemporaryDirectory(prefix="robocorba-bench-") as folder:
         yield Path(folder)
+
+
+class System(NamedTuple):
+    """A running `robocorba up` with its files in a folder of the bench, and this process's ORB."""
+
+    folder: Path
+    running: Running
+    launch: Launcher
+    orb: Orb
+
+    def resolve(self, interface: str) -> Any:
+        """The server that is bound by the name of its interface, such as PathPlanner."""
+        return self.orb.resolve(interface, getattr(RoboCorba, interface))
+
+
+@contextlib.contextmanager
+def system(*options: str, building: Building | Path | None = None) -> Iterator[System]:
+    """`robocorba up` with these options, on a building; without one on the sample."""
+    with folder_of_bench() as folder:
+        if isinstance(building, Building):
+            native.save(building, folder / "building.yaml")
+            building = folder / "building.yaml"
+        on = () if building is None else ("--building", str(building))
+        with running_system(folder, *on, *options) as (running, launch), Orb(running.naming) as orb:
+            yield System(folder, running, launch, orb)
+
+
+def alternately(turns: Iterable[Mapping[str, Callable[[], object]]]) -> dict[str, list[float]]:
+    """The durations of each call [ms], which alternate so that a busy moment of the machine affects all of them."""
+    took: defaultdict[str, list[float]] = defaultdict(list)
+    for turn in turns:
+        for name, call in turn.items():
+            took[name].append(timed_ms(call)[1])
+    return took
+
+
+@contextlib.contextmanager
+def sampled(call: Callable[[], T], interval_s: float) -> Iterator[list[tuple[float, T]]]:
+    """The times [s, time.monotonic] and answers of a call that a thread repeats within the `with`."""
+    samples: list[tuple[float, T]] = []
+
+    def sample() -> None:
+        answer = call()
+        samples.append((time.monotonic(), answer))
+
+    with contextlib.closing(Repeating("sampler", sample, interval_s).start()):
+        yield samples

@@ -22,9 +22,8 @@ from bench.events.network.networks import Link, Network
 from bench.events.network.report import Interval, ratio
 from robocorba.events.advice import AS_GOOD
 from robocorba.system.supervision.launch import module_command
-from robocorba.system.supervision.system import find_omninames
 from testkit.json_process import Process, checkout_command
-from testkit.report import PROGRESS, at_least, curves, summarize
+from testkit.report import at_least, curves, summarize
 
 #: The hosts of each sub-network: of its channels, and of its robots.
 HOSTS = {
@@ -84,15 +83,17 @@ class Measured(NamedTuple):
         return measured < 1.0 if self.advice["verdict"] == "keep" else abs(measured - 1.0) <= AS_GOOD
 
     def row(self) -> dict[str, Any]:
-        means = {place: float(np.mean(self.ms[place])) for place in (FEDERATED, self.best)}
-        about: dict[str, Any] = {"network": self.case.name, "federated, ms": means[FEDERATED]}
-        about |= {"best central, ms": means[self.best], "in": self.best, "ratio (95 %)": str(self.ratio_to(self.best))}
-        about |= {
+        return {
+            "network": self.case.name,
+            "federated, ms": float(np.mean(self.ms[FEDERATED])),
+            "best central, ms": float(np.mean(self.ms[self.best])),
+            "in": self.best,
+            "ratio (95 %)": str(self.ratio_to(self.best)),
             "advised": self.advice["verdict"],
             "predicted ratio": self.advice["ratio"],
-            "best": self.advice["best"],
+            "right": self.is_right,
+            "sentence": self.advice["sentence"],
         }
-        return about | {"right": self.is_right, "sentence": self.advice["sentence"]}
 
 
 class Experiment:
@@ -149,17 +150,12 @@ def experiment() -> Iterator[Experiment]:
     with contextlib.ExitStack() as stack:
         folder = stack.enter_context(folder_of_bench())
         network = stack.enter_context(Network(folder, (), addresses))
-        (folder / "naming").mkdir()
-        own = ("-start", NAMING.rpartition(":")[2], "-always", "-nohostname", "-datadir", str(folder / "naming"))
-        names = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{NAMING}")
-        stack.enter_context(network.start("I", "omniNames", *names))
+        network.start_naming("I", NAMING)
         for host in HOSTS:
             for of, port in CHANNEL_PORTS.items():
-                name = f"{'room' if of == FEDERATED else of}-{host}"
-                where = ("--state", str(folder / name), "--endpoint", f"{HOSTS[host][0]}:{port}", "--naming", NAMING)
                 peers = [f"--peer=room-{peer}" for peer in HOSTS if of == FEDERATED and peer < host]
-                command = module_command("robocorba.servers.event_channel", *where, "--name", name, *peers)
-                stack.enter_context(network.start(host, name, *command))
+                address, name = f"{HOSTS[host][0]}:{port}", f"{'room' if of == FEDERATED else of}-{host}"
+                stack.enter_context(network.start_channel(host, name, address, NAMING, *peers))
         robots = {}
         for host in HOSTS:
             settings = {"name": host, "naming": NAMING, "endpoint": f"{HOSTS[host][1]}:28093"}
@@ -180,18 +176,13 @@ def main(quick: bool = False) -> bool:
             found = [running.measure(case, *extent) for case in progress(CASES, "networks", len(CASES))]
     except OSError as error:
         raise NotMeasured(f"network namespaces are not available ({error}); run it as root") from None
-    for one in found:
-        PROGRESS.print(f"{one.case.name}: {one.advice['sentence']}")
-
     rows = [one.row() for one in found]
+    print(*(f"{row['network']}: {row['sentence']}" for row in rows), sep="\n")
     marks = [at_least("networks with the right advice", sum(one.is_right for one in found), len(found))]
-    ratios = {
-        "measured": [one.ratio_to(one.best).value for one in found],
-        "predicted": [one.advice["ratio"] for one in found],
-    }
+    ratios = {"measured": [one.ratio_to(one.best).value for one in found]}
+    ratios["predicted"] = [one.advice["ratio"] for one in found]
     draw = curves(range(1, len(found) + 1), ratios, "network", ylabel="federated / best central", ylim=(0, None))
-    shown = [title for title in rows[0] if title not in ("sentence", "best")]
-    return summarize("event_advice", "Advice and truth", rows, marks, draw, shown)
+    return summarize("event_advice", "Advice and truth", rows, marks, draw, list(rows[0])[:-1])
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Two robots of a sub-network that exchange events at random times: python -m bench.events.advice_robots SETTINGS
+"""Robots of a sub-network that publish events at random times: python -m bench.events.advice_robots SETTINGS
 
 SETTINGS is JSON: name (of the sub-network), naming and endpoint (HOST:PORT), channels (names by set-up), peers (other
 channels of the federation). Commands are lines of JSON on stdin, each answered by a line on stdout:
@@ -10,7 +10,6 @@ channels of the federation). Commands are lines of JSON on stdin, each answered 
 from __future__ import annotations
 
 import contextlib
-import itertools
 import json
 import random
 import sys
@@ -38,13 +37,13 @@ class Robots:
     NotReachable."""
 
     def __init__(self, name: str, clients: Mapping[str, EventClient], peers: list[str]) -> None:
-        self._clients, self._lock = clients, threading.Lock()
-        self._stop, self._threads = threading.Event(), list[threading.Thread]()
+        self._clients, self._stop, self._lock = clients, threading.Event(), threading.Lock()
+        self._threads: list[threading.Thread] = []
         self._sent: Counter[str] = Counter()
         #: Latencies by run: a robot of another sub-network may begin one before this one does [ms].
         self._ms: defaultdict[int, list[float]] = defaultdict(list)
-        for (set_up, client), robot in itertools.product(clients.items(), range(ROBOTS)):
-            subscription = client.subscribe(self._receive, f"to.{name}.{robot}")
+        for set_up, client in clients.items():
+            subscription = client.subscribe(self._receive, f"to.{name}")
             if set_up == FEDERATED and not all(subscription.wait_in_force(peer, 30.0) for peer in peers):
                 raise NotReachable(f"the channel of {name} is not linked with {', '.join(peers)}")
 
@@ -78,8 +77,7 @@ class Robots:
             (target,) = chance.choices([*shares], [*shares.values()])
             with self._lock:
                 self._sent[target] += 1
-            content = {"run": number, "made_ns": time.monotonic_ns()}
-            client.push(f"to.{target}.{chance.randrange(ROBOTS)}", content)
+            client.push(f"to.{target}", {"run": number, "made_ns": time.monotonic_ns()})
 
     def _receive(self, event: Event) -> None:
         came_ns = time.monotonic_ns()

@@ -1,12 +1,11 @@
 """The paper's scene: three robots of two sub-networks carry a table through a room, from random start poses.
 
-    python -m bench.missions.carry --seeds 5 [--loaded] [--actual B,...]
+    python -m bench.missions.carry --seeds 5 [--actual B,...]
 
 For each seed the robots first carry the table to a random start pose, drive to random places, and carry it to the
 paper's goal. Both missions are measured: grips by the simulation server, with table and robots after the same step; the
-time skew of carriers and of phases by the mission's report. --loaded: another process keeps a core busy. --actual:
-these robots are actual ones, simulated by servers/smartpal; their bodies in the building, which follow them, are
-measured."""
+time skew of carriers and of phases by the mission's report. --actual: these robots are actual ones, simulated by
+servers/smartpal; their bodies in the building, which follow them, are measured."""
 
 from __future__ import annotations
 
@@ -14,14 +13,12 @@ import contextlib
 import math
 import random
 import sys
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 from bench.common.harness import folder_of_bench, run
 from robocorba.errors.robots import InvalidProgram
-from robocorba.events.corba.event_client import EventClient
 from robocorba.map_editor.samples import load_sample, sample_path
 from robocorba.planning.request import Place
 from robocorba.robot.kinematics.smartpal import RADIUS_M
@@ -29,10 +26,9 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
 from testkit.actual_robot import running_stand_in
 from testkit.generated_buildings import random_places
-from testkit.json_process import busy_process
 from testkit.missions import FLOOR, MissionSystem, RobotStart, Watch, missions
 from testkit.processes import eventually
-from testkit.report import PROGRESS, Draw, Mark, at_least, at_most, curves, quantile, summarize
+from testkit.report import Mark, at_least, at_most, curves, quantile, summarize
 
 NAME = "missions"
 BUILDING, TABLE, LEADER = "paper-scene", "table", "A"
@@ -53,62 +49,46 @@ TABLE_M, TABLE_DEG, GRIP_M, SKEW_MS = 0.05, 3.0, 0.02, 20.0
 
 class Carried(NamedTuple):
     """A mission: its row of the table, the time skew at each barrier, and the leader's report, empty if there is
-    none. before, after: what was looked up then."""
+    none."""
 
     row: dict[str, Any]
     skews_ms: list[float]
     report: dict[str, Any]
-    before: Any = None
-    after: Any = None
 
 
-def carries(place: MissionSystem, seeds: Sequence[int], look: Callable[[], Any] = lambda: None) -> Iterator[Carried]:
-    """Both missions of each seed. look: called before and after each."""
-    for number, seed in enumerate(seeds, 1):
+def carries(place: MissionSystem, seeds: Sequence[int]) -> Iterator[Carried]:
+    """Both missions of each seed."""
+    for seed in seeds:
         rng = random.Random(seed)
         x, y, heading = (middle + rng.uniform(-half, half) for middle, half in STARTS)
         for way, to in (("to its start", (x, y, heading)), ("to its goal", GOAL)):
-            with PROGRESS.status(f"seed {number} of {len(seeds)}: {way}"):
-                before = look()
-                carried = _carry(place, seed, way, to)._replace(before=before, after=look())
+            carried = _carry(place, seed, way, to)
             print(*carried.row.values(), sep="\t", flush=True)
             yield carried
-            with PROGRESS.status("driving aside"):
-                _spread_out(place, seed)
+            _spread_out(place, seed)
 
 
 def _carry(place: MissionSystem, seed: int, way: str, to: tuple[float, float, float]) -> Carried:
     """Run a mission and measure it through the simulation server."""
     before = place.collisions
-    began = time.monotonic()
-    touched: list[str] = []
-    with Watch(place, TABLE) as watch, EventClient(place.orb, CREW[LEADER].channel) as events:
-        events.subscribe(lambda event: touched.append(" and ".join(event.payload["who"])), "simulation.collision")
+    with Watch(place, TABLE) as watch:
         user = place.mission(LEADER, TABLE, f"{FLOOR}:{to[0]:.3f},{to[1]:.3f},{to[2]:.4f}")
-        out, err = user.communicate(timeout=MISSION_LIMIT_S)
-    seconds = time.monotonic() - began
+        result, why = place.result(user, MISSION_LIMIT_S)
     eventually(lambda: all(map(place.is_free, CREW)), 60.0, "all are free")
-    last = (out.strip().splitlines() or [err.strip()])[-1].split("\t")
-    at, is_done = place.body(TABLE), user.returncode == 0
-    found = place.report(LEADER) if user.returncode in (0, 1) and len(last) > 1 else {}
+    at, found = place.body(TABLE), {} if result == "error" else place.report(LEADER)
     skews = [phase["skew_ms"] for phase in found.get("phases", ()) if phase["skew_ms"] is not None]
     row = {
         "seed": seed,
         "way": way,
-        "result": "done" if is_done else "ended",
-        "seconds": found.get("seconds", seconds),
+        "result": result,
+        "seconds": found.get("seconds", math.nan),
         "table off, mm": 1000 * math.dist(at[:2], to[:2]),
         "deg": abs(math.degrees(math.remainder(at.heading - to[2], math.tau))),
         "grips off, mm": 1000 * watch.farthest_m(tuple(CREW)),
         "collisions": place.collisions - before,
         "barrier skew, ms": max(skews, default=None),
         "tick skew p99, ms": (found.get("tick_skew_ms") or {}).get("p99", math.nan),
-        "latency p99, ms": max(
-            (each["p99"] for each in found.get("latency_ms", {}).values() if each), default=math.nan
-        ),
-        "touched": ", ".join(dict.fromkeys(touched)),
-        "nearest robots, mm": 1000 * watch.nearest_m(RADIUS_M),
-        "why": "" if is_done else last[-1],
+        "why": "" if result == "done" else why,
     }
     return Carried(row, skews, found)
 
@@ -155,31 +135,30 @@ def marks(carried: Sequence[Carried]) -> list[Mark]:
     ]
 
 
-def draw(carried: Sequence[Carried]) -> Draw:
+def report(name: str, title: str, carried: Sequence[Carried], more: Sequence[Mark] = ()) -> bool:
+    """Whether all marks were reached."""
     columns = ("table off, mm", "grips off, mm", "tick skew p99, ms")
     values = {column: [one.row[column] for one in carried] for column in columns}
-    return curves(range(1, len(carried) + 1), values, "mission")
+    draw = curves(range(1, len(carried) + 1), values, "mission")
+    return summarize(name, title, [one.row for one in carried], [*marks(carried), *more], draw)
 
 
-def main(seeds: int = 5, first: int = 1, loaded: bool = False, actual: str = "") -> bool:
+def main(seeds: int = 5, first: int = 1, actual: str = "") -> bool:
     names = [name for name in actual.split(",") if name]
     if unknown := sorted(set(names) - CREW.keys()):
         sys.exit(f"--actual: unknown robot {', '.join(unknown)}; known: {', '.join(CREW)}")
     with folder_of_bench() as folder, contextlib.ExitStack() as stack:
         place = stack.enter_context(missions(folder, sample_path(BUILDING)))
-        if loaded:
-            stack.enter_context(busy_process(folder))
         crew = dict(CREW)
         for seed, name in enumerate(names, 1):
             robot = stack.enter_context(running_stand_in(folder / f"actual-{name}", "--seed", str(seed), orb=place.orb))
             crew[name] = CREW[name]._replace(adaptor=("smartpal", "--naming", str(robot.naming)))
         place.start(crew)
         carried = list(carries(place, range(first, first + seeds)))
-    title = f"the paper's scene, {seeds} seeds, {len(carried)} missions{', a core busy' * loaded}"
+    title = f"the paper's scene, {seeds} seeds, {len(carried)} missions"
     title += f", actual: {', '.join(names)}" if names else ""
-    name = f"{NAME}_actual" if names else NAME
-    return summarize(name, title, [one.row for one in carried], marks(carried), draw(carried))
+    return report(f"{NAME}_actual" if names else NAME, title, carried)
 
 
 if __name__ == "__main__":
-    run(main, first="the first seed", loaded="keep a core busy", actual="robots that are actual ones: NAME,...")
+    run(main, first="the first seed", actual="robots that are actual ones: NAME,...")

@@ -4,24 +4,21 @@
 
 All servers, the channel of lab and robots A and B run in one network namespace, the channel of hall and robot C in
 another. A router process between them delays each packet. The marks are those of bench/missions/carry.py. Only events
-with a subscriber on the other side may cross: while a camera floods the channel of lab, which has a consumer for its
-events, the bytes on the link and the events passed on by the gateways are counted. It must run as root; without network
-namespaces it prints so and measures nothing."""
+with a subscriber on the other side may cross: a camera floods the channel of lab, which has a consumer for its events,
+and the events are counted that the gateways pass on. It must run as root; without network namespaces it prints so and
+measures nothing."""
 
 from __future__ import annotations
 
 import contextlib
-import itertools
-import json
 import math
-import os
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from bench.common.harness import NotMeasured, folder_of_bench, run
-from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, draw, marks
+from bench.missions.carry import BUILDING, CREW, SKEW_MS, Carried, carries, report
 from robocorba.events.corba.event_client import EventClient
 from robocorba.map_editor.model import Building
 from robocorba.map_editor.samples import sample_path
@@ -36,31 +33,14 @@ from testkit.json_process import Process
 from testkit.missions import MissionSystem, saved
 from testkit.namespaces import Namespace, start_router
 from testkit.processes import Launcher, Running, drain, eventually, real_system
-from testkit.report import Mark, at_least, at_most, summarize
+from testkit.report import at_least, at_most
 
-NAME = "missions_network"
 HERE, THERE = "192.168.0.2", "192.168.8.2"
 #: Size [bytes] and interval [s] of the flood's events.
 FLOOD_BYTES, FLOOD_S = 4000, 0.02
 #: Duration of a measurement without a mission [s].
 WATCH_S = 5.0
 START_LIMIT_S = 60.0
-#: Additional bytes on the link allowed during the flood, as a share of the flood: a robot's own traffic varies.
-CROSSING_SHARE = 0.05
-
-
-class Crossed(NamedTuple):
-    """Totals so far. bytes: on the link, both directions. forth, back: events from lab to hall and from hall to lab, by
-    the gateways' counters. published: events of the camera; received: those that its consumer in lab received."""
-
-    bytes: int
-    forth: int
-    back: int
-    published: int
-    received: int
-
-    def since(self, before: Crossed) -> Crossed:
-        return Crossed(*(now - then for now, then in zip(self, before, strict=True)))
 
 
 class TwoNetworks:
@@ -68,48 +48,29 @@ class TwoNetworks:
 
     def __init__(self, place: MissionSystem, within: tuple[str, ...], router: Process) -> None:
         self.place, self.within, self._router = place, within, router
-        self._published = self._received = 0
 
     def cut(self, is_cut: bool = True) -> None:
         """Cut the link between the networks, or heal it."""
         self._router.ask({"is_cut": is_cut})
 
     @contextlib.contextmanager
-    def flood(self) -> Iterator[None]:
-        """A camera publishes events in lab, and a consumer in lab receives them."""
-        frame, received = os.urandom(FLOOD_BYTES), itertools.count(1)
-
-        def receive(_: object) -> None:
-            self._received = next(received)
+    def flood(self) -> Iterator[tuple[list[object], list[object]]]:
+        """A camera publishes events in lab, and a consumer in lab receives them: those sent and received so far."""
+        frame, sent, received = bytes(FLOOD_BYTES), list[object](), list[object]()
 
         def publish() -> None:
             camera.push("camera.frame", frame)
-            self._published += 1
+            sent.append(None)
 
         with EventClient(self.place.orb, "lab", "camera") as camera, EventClient(self.place.orb, "lab") as viewer:
-            viewer.subscribe(receive, "camera.*")
+            viewer.subscribe(received.append, "camera.*")
             with contextlib.closing(Repeating("camera", publish, FLOOD_S).start()):
-                yield
+                yield sent, received
 
-    def crossed(self) -> Crossed:
-        counts = self._router.ask({})
-        forth, back = (self._passed_on(channel, peer) for channel, peer in (("lab", "hall"), ("hall", "lab")))
-        return Crossed(counts["bytes"], forth, back, self._published, self._received)
-
-    def watched(self) -> Crossed:
-        """What crosses in WATCH_S."""
-        before = self.crossed()
-        time.sleep(WATCH_S)
-        return self.crossed().since(before)
-
-    def _passed_on(self, channel: str, peer: str) -> int:
-        """Number of events that `peer` has received from `channel`."""
-        (link,) = [
-            link
-            for link in _links(self.place.orb, peer)
-            if (link.peer, link.direction) == (channel, RoboCorba.INCOMING)
-        ]
-        return int(link.events.received)
+    def crossed(self) -> int:
+        """Number of events that the gateways have received so far."""
+        links = (link for name in ("lab", "hall") for link in _links(self.place.orb, name))
+        return sum(link.events.received for link in links if link.direction == RoboCorba.INCOMING)
 
 
 @contextlib.contextmanager
@@ -152,63 +113,28 @@ def _is_linked(orb: Orb) -> bool:
     return len(links) == 4 and all(link.condition == RoboCorba.UP for link in links)
 
 
-def crossing_marks(
-    quiet: Crossed, flooded: Crossed, missions: Sequence[Crossed], carried: Sequence[Carried]
-) -> list[Mark]:
-    flood_bytes = flooded.published * FLOOD_BYTES
-    unwanted = []
-    for over, one in zip(missions, carried, strict=True):  # by the messages from hall's channel in the leader's report
-        received = sum(event["origin"] == "hall" for event in one.report["events"])
-        unwanted.append(abs(over.back - received) / max(1, received))
-    return [
-        at_least(
-            "share of the flood received in its own sub-network", flooded.received / max(1, flooded.published), 0.9
-        ),
-        at_most("events that crossed during the flood without a mission", flooded.forth + flooded.back, 0),
-        at_most(
-            "additional bytes on the link, as a share of the flood",
-            max(0, flooded.bytes - quiet.bytes) / flood_bytes,
-            CROSSING_SHARE,
-        ),
-        at_most("share of events from hall to lab that were not for the leader", max(unwanted), 0.02),
-        at_most("error of the clock estimates, ms", max(map(clock_error_ms, carried)), SKEW_MS),
-    ]
-
-
 def clock_error_ms(one: Carried) -> float:
     """Largest error of a robot's estimate of the leader's clock [ms]; all processes share one clock."""
     return max((abs(clock["offset_ms"]) for clock in one.report["clocks"].values()), default=math.nan)
 
 
 def main(seeds: int = 1, delay: float = 5.0) -> bool:
-    with folder_of_bench() as folder, contextlib.ExitStack() as stack:
-        both = stack.enter_context(two_networks(folder, delay, sample_path(BUILDING)))
+    with folder_of_bench() as folder, two_networks(folder, delay, sample_path(BUILDING)) as both:
         place = both.place
         place.start({name: at._replace(within=both.within) if name == "C" else at for name, at in CREW.items()})
         time.sleep(WATCH_S)
-        quiet = both.watched()
-        with both.flood():
-            time.sleep(1.0)
-            flooded = both.watched()
-            carried = list(carries(place, range(1, seeds + 1), both.crossed))
-    crossed = [one.after.since(one.before) for one in carried]
-    rows = [_row(*each) for each in zip(carried, crossed, strict=True)]
-    print(json.dumps({"quiet": quiet._asdict(), "flooded": flooded._asdict()}))
+        with both.flood() as (sent, received):
+            before = both.crossed()
+            time.sleep(WATCH_S)
+            crossed, share = both.crossed() - before, len(received) / len(sent)
+            carried = list(carries(place, range(1, seeds + 1)))
+    more = [
+        at_least("share of the flood received in its own sub-network", share, 0.9),
+        at_most("events that crossed during the flood without a mission", crossed, 0),
+        at_most("error of the clock estimates, ms", max(map(clock_error_ms, carried)), SKEW_MS),
+    ]
     title = f"the paper's scene over links of {delay:g} ms one way, {len(carried)} missions"
-    reached = [*marks(carried), *crossing_marks(quiet, flooded, crossed, carried)]
-    return summarize(NAME, title, rows, reached, draw(carried))
-
-
-def _row(one: Carried, over: Crossed) -> dict[str, Any]:
-    seconds = one.row["seconds"]
-    return {
-        **one.row,
-        "lab to hall, events": over.forth,
-        "hall to lab": over.back,
-        "flood": over.published,
-        "link, kB/s": over.bytes / (seconds if math.isfinite(seconds) else 1.0) / 1e3,
-        "clocks, ms": clock_error_ms(one),
-    }
+    return report("missions_network", title, carried, more)
 
 
 if __name__ == "__main__":

@@ -13,8 +13,6 @@ from testkit.missions import FLOOR, RobotStart, three_rooms
 
 UPPER = "L2"
 CHAIR = "chair"
-#: Sizes of what teams of two to six robots can just lift [m].
-TEAM_SIZES = {2: (1.0, 0.8), 3: (1.2, 1.0), 4: (1.6, 1.0), 5: (2.0, 1.05), 6: (2.0, 1.3)}
 
 
 class Site(NamedTuple):
@@ -58,24 +56,6 @@ def elevator() -> Site:
     return Site(two_storeys(), "box", goals, _starts(*corners, upper=corners))
 
 
-def workshop() -> Site:
-    """A workshop with a gate to a yard with a goods lift, and a store upstairs: a building that nothing is tuned to."""
-    doors = tuple(ElevatorDoor(floor, CabinSide.FRONT, 2.6) for floor in (FLOOR, UPPER))
-    building = rectangular(
-        *("workshop", (14.2, 8.6), [FLOOR, UPPER]),
-        (FLOOR, MapObject("crate", BoxShape((0.8, 0.5)), (2.6, 6.4), 0.5, height=0.7, movable=True)),
-        (FLOOR, MapObject("shelf", BoxShape((1.4, 0.6)), (4.9, 0.5))),
-        (FLOOR, MapObject("workbench", BoxShape((0.7, 2.0)), (0.5, 2.2))),
-        (FLOOR, MapObject("column", BoxShape((0.4, 0.4)), (10.3, 6.3), 0.3)),
-        (FLOOR, Wall("wall", (6.2, 0.0), (6.2, 8.6))),
-        (FLOOR, Door("gate", (6.2, 4.6), (6.2, 7.0))),
-        (UPPER, MapObject("rack", BoxShape((2.2, 0.6)), (3.4, 1.0), 0.2)),
-        ("", Elevator("goods lift", (12.0, 2.4), (3.2, 3.2), doors, heading=math.pi, speed=1.0, door_time=2.0)),
-    )
-    starts = _starts((1.8, 3.6, 0.0), (0.7, 7.8, 0.0), (13.4, 7.8, math.pi), upper=((0.7, 7.8, 0.0),))
-    return Site(building, "crate", (Pose(FLOOR, 2.6, 6.4, 0.5), Pose(UPPER, 5.2, 5.6, 2.0)), starts)
-
-
 def storehouse() -> Site:
     """Two storeys with a wide elevator, and a crate of 10.8 kg: with each kill of one of its three carriers, too few
     are left to hold it."""
@@ -103,26 +83,5 @@ def hall() -> Site:
     return Site(building, "table", goals, _starts(*places))
 
 
-def team(count: int, is_narrow: bool = False) -> Site:
-    """A hall with an object as heavy as the team can lift, which is turned on its way. is_narrow: with a door that it
-    passes only at an angle, since a cupboard stands so near behind it that it fits neither straight nor across."""
-    start = Pose(FLOOR, 3.5, 3.5, math.pi / 2 if is_narrow else 0.0)
-    item = MapObject("load", BoxShape(TEAM_SIZES[count]), start[1:3], start.heading, height=0.7, movable=True)
-    door = (
-        (FLOOR, Wall("wall", (7.0, 0.0), (7.0, 7.0))),
-        (FLOOR, Door("door", (7.0, 2.8), (7.0, 4.2))),
-        (FLOOR, MapObject("cupboard", BoxShape((0.6, 1.6)), (8.9, 3.5))),
-    )
-    building = rectangular("hall", (14.0, 7.0), [FLOOR], (FLOOR, item), *(door if is_narrow else ()))
-    goals = start, Pose(FLOOR, 11.5, 3.5, 0.0) if is_narrow else Pose(FLOOR, 10.0, 3.5, 1.0)
-    corners = (0.6, 0.6, 0.8), (0.6, 6.4, -0.8), (13.4, 0.6, 2.4), (13.4, 6.4, -2.4)
-    sides = (5.6, 0.6, math.pi / 2), (5.6, 6.4, -math.pi / 2)
-    return Site(building, "load", goals, _starts(*(*corners, *sides)[:count]))
-
-
 #: The sites by name, and what makes them.
-SITES: dict[str, Callable[[], Site]] = {
-    **{site.__name__: site for site in (rooms, door, elevator, workshop, storehouse, hall)},
-    **{f"team of {count}": lambda count=count: team(count) for count in TEAM_SIZES},  # type: ignore[misc]
-    "team of 2, narrow door": lambda: team(2, True),
-}
+SITES: dict[str, Callable[[], Site]] = {site.__name__: site for site in (rooms, door, elevator, storehouse, hall)}

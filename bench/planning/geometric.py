@@ -1,7 +1,7 @@
 """Geometric paths on grid maps of 512 x 512 cells: the first one, a typical one, the first one after an edit.
 
-Each map is measured in its own process, which is killed at a time limit. Lengths are compared to those of the shortest
-octile paths. A robot that fits into a cell can drive them, so no shortest path is longer.
+Lengths are compared to those of the shortest octile paths. A robot that fits into a cell can drive them, so no shortest
+path is longer.
 
     python -m bench.planning.geometric [KIND ...]      only these kinds of maps, such as "rooms of 8"
 """
@@ -9,17 +9,14 @@ octile paths. A robot that fits into a cell can drive them, so no shortest path 
 from __future__ import annotations
 
 import math
-import multiprocessing
 import sys
 import time
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
 import numpy as np
-import psutil
 from scipy import ndimage
 
 from bench.common.harness import progress, run
@@ -38,15 +35,12 @@ SCALES = ((1.0, 0.4), (0.25, 0.1))
 STARTS, GOALS = 30, 10
 #: Number of wall edits on a map, each followed by one query.
 EDITS = 3
-#: Time limit for one map from its planner's construction on [s]. Making the map and the octile paths is not included.
+#: Time after which no further query of a map begins [s].
 LIMIT_S = 30.0
-#: Time limit for this preparation [s].
-PREPARATION_S = 120.0
 #: Tolerance of the ratio to the octile path.
 ROUNDING = 1e-9
 
-#: What a process reports about a map, in the order of measurement: times [ms] by their name; "ready" (number of walls),
-#: "octile" and "straight" (ratios of lengths), "failure", "touch", and at the end "done" (memory [MB]).
+#: Figures of a map by their name: times [ms], "octile" and "straight" (ratios of lengths), "failure", "touch".
 Found = Mapping[str, Sequence[Any]]
 
 
@@ -62,105 +56,79 @@ def main(*kinds: str) -> bool:
     unknown = [kind for kind in kinds if kind not in KINDS]
     if unknown:
         sys.exit(f"geometric: there is no kind {', '.join(unknown)}; there are {', '.join(KINDS)}")
-    PathPlanner(Building("warm-up")).warm_up()  # the processes load the compiled kernels from disk
+    PathPlanner(Building("warm-up")).warm_up()
     asked = [(kind, *scale) for scale in SCALES for kind in kinds or KINDS]
-    maps = [(kind, cell_m, in_a_process(kind, cell_m, radius_m)) for kind, cell_m, radius_m in progress(asked, "maps")]
-    ratios = [ratio for _, _, found in maps for ratio in found["octile"]]
+    maps = [(kind, cell_m, measure(kind, SIZE, cell_m, radius_m)) for kind, cell_m, radius_m in progress(asked, "maps")]
+    rows = [row(*one) for one in maps]
     marks = [
-        at_most("paths to the shortest octile way", max(ratios, default=math.nan), 1.0 + ROUNDING),
+        at_most("paths to the shortest octile way", max(row["to octile, max"] for row in rows), 1.0 + ROUNDING),
         at_most("paths that touch something", sum(len(found["touch"]) for _, _, found in maps), 0),
         at_most("queries refused", sum(len(found["failure"]) for _, _, found in maps), 0),
-        at_least("maps measured within the time limit", sum(bool(found["done"]) for _, _, found in maps), len(maps)),
+        at_least("maps measured within the time limit", sum(row["left"] == 0 for row in rows), len(maps)),
     ]
-    median = summary([took for _, _, found in maps for took in found["query"]], "ms")["ms"]
-    words = "no query answered in time" if median is None else f"{median:.1f} ms at the median"
-    title = f"geometric paths on {SIZE} x {SIZE} cells: {words}"
-    times = {f"{kind}, {cell_m:g} m": found["query"] for kind, cell_m, found in maps if found["query"]}
-    draw = distribution(times, "milliseconds", "share of queries that took less")
-    return summarize("geometric", title, [row(*one) for one in maps], marks, draw)
+    samples = {f"{kind}, {cell_m:g} m": found["query"] for kind, cell_m, found in maps}
+    draw = distribution(samples, "milliseconds", "share of queries that took less")
+    return summarize("geometric", f"geometric paths on {SIZE} x {SIZE} cells", rows, marks, draw)
 
 
 def row(kind: str, cell_m: float, found: Found) -> dict[str, Any]:
     return {
         "map": kind,
         "cell m": cell_m,
-        "walls": sum(found["ready"]),
+        "walls": sum(found["walls"]),
         **summary(found["planner"], "planner ms"),
         **summary(found["first"], "first path ms"),
         **summary(found["update"], "update ms"),
         **summary(found["after"], "path after it ms"),
         "queries": len(found["query"]),
+        "left": sum(found["left"]),
         **summary(found["query"], "median ms", "p99 ms"),
-        "to octile, max": max(found["octile"], default=None),
+        "to octile, max": max(found["octile"], default=math.nan),
         **summary(found["straight"], "to straight, median"),
         "wrong": len(found["failure"]) + len(found["touch"]),
-        "MB": sum(found["done"]) or None,
-        "finished": "yes" if found["done"] else "limit",
     }
 
 
-def in_a_process(kind: str, cell_m: float, radius_m: float) -> Found:
-    """Measure one map until it is done or the time limit."""
-    context = multiprocessing.get_context("spawn")
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=measure, args=(theirs, kind, SIZE, cell_m, radius_m), daemon=True)
-    process.start()
-    theirs.close()
-    found: dict[str, list[Any]] = defaultdict(list)
-    deadline = time.monotonic() + PREPARATION_S
-    try:
-        while not found["done"] and (left_s := deadline - time.monotonic()) > 0.0 and ours.poll(left_s):
-            what, value = ours.recv()
-            found[what].append(value)
-            if what == "ready":
-                deadline = time.monotonic() + LIMIT_S
-    except EOFError:  # the process crashed, with its error on stderr
-        found["failure"].append("crashed")
-    process.terminate()
-    process.join()
-    return found
-
-
-def measure(report: Connection, kind: str, size: int, cell_m: float, radius_m: float) -> None:
-    """Measure one map and report each figure immediately, as a pair of name and value."""
+def measure(kind: str, size: int, cell_m: float, radius_m: float) -> Found:
+    """The figures of one map."""
     cells = KINDS[kind](size, SEED)
     building = building_of(cells, cell_m, kind)
     trips = trips_on(cells, cell_m)
     judge = FloorGeometry(building, FLOOR)
-    walls = edits(cells, cell_m)
-    PathPlanner(Building("warm-up")).warm_up()
-
-    report.send(("ready", len(building.floors[FLOOR].geometrical.walls)))
+    found: dict[str, list[Any]] = defaultdict(list, walls=[len(building.floors[FLOOR].geometrical.walls)])
+    until = time.monotonic() + LIMIT_S
     planner, took_ms = timed_ms(PathPlanner, building)
-    report.send(("planner", took_ms))
-    ask(report, planner, judge, trips[0], radius_m, "first")
-    for number, wall in enumerate(walls, start=1):
-        edited = building.with_element(FLOOR, wall)
-        report.send(("update", timed_ms(planner.update, edited, number)[1]))
-        ask(report, planner, judge, trips[number], radius_m, "after")
+    found["planner"].append(took_ms)
+    ask(found, planner, judge, trips[0], radius_m, "first")
+    for number, wall in enumerate(edits(cells, cell_m), start=1):
+        found["update"].append(timed_ms(planner.update, building.with_element(FLOOR, wall), number)[1])
+        ask(found, planner, judge, trips[number], radius_m, "after")
         planner.update(building, number)
-    ask(report, planner, judge, trips[0], radius_m, "again")
-    for trip in trips:
-        ask(report, planner, judge, trip, radius_m, "query")
-    report.send(("done", psutil.Process().memory_info().rss / 1e6))
+    for number, trip in enumerate(trips):
+        if time.monotonic() > until:
+            found["left"].append(len(trips) - number)
+            break
+        ask(found, planner, judge, trip, radius_m, "query")
+    return found
 
 
-def ask(report: Connection, planner: PathPlanner, judge: FloorGeometry, trip: Trip, radius_m: float, name: str) -> None:
-    """One query. Its time is reported under `name`, its lengths only under the name "query"."""
+def ask(
+    found: dict[str, list[Any]], planner: PathPlanner, judge: FloorGeometry, trip: Trip, radius_m: float, name: str
+) -> None:
+    """One query. Its time is kept under `name`, its lengths only of the name "query"."""
     request = PathRequest(trip.start, trip.goal, radius=radius_m, mode=RouteMode.GEOMETRIC)
-    began = time.perf_counter()
     try:
-        path = planner.paths(request)[0]
+        paths, took_ms = timed_ms(planner.paths, request)
     except PathError as error:
-        report.send(("failure", str(error)[:200]))
-        path = None
-    report.send((name, (time.perf_counter() - began) * 1e3))
-    if path is not None and name == "query":
-        at = [(point.x, point.y) for point in path.points]
+        found["failure"].append(str(error)[:200])
+        return
+    found[name].append(took_ms)
+    if name == "query":
+        at = [(point.x, point.y) for point in paths[0].points]
         if judge.touching(list(pairwise(at)), radius_m):
-            report.send(("touch", None))
-        report.send(("octile", path.distance / trip.octile_m))
-        report.send(("straight", path.distance / math.dist(trip.start[1:], trip.goal[1:])))
+            found["touch"].append(trip)
+        found["octile"].append(paths[0].distance / trip.octile_m)
+        found["straight"].append(paths[0].distance / math.dist(trip.start[1:], trip.goal[1:]))
 
 
 def trips_on(cells: Cells, cell_m: float) -> list[Trip]:

@@ -1,24 +1,24 @@
 """Lateness of a robot's 50 Hz control loop while another process keeps a core busy.
 
-    python -m bench.robots.control [--seconds 60] [--pin]
+    python -m bench.robots.control [--seconds 60]
 
 A real robot process runs a program in a real system: the base drives, arms and lumbar move; first the virtual robot,
 then the actual robot's stand-in. A process keeps the last core busy. All other processes may run on all cores, as for
-a user; with --pin, on the other cores only."""
+a user."""
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bench.common.harness import folder_of_bench, run
+from bench.common.harness import run
 from bench.robots.recorded_robot import RecordedRobot, system_on_two_floors
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.orb.orb import Orb
@@ -35,7 +35,7 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program, dumps
 from testkit.actual_robot import running_stand_in
 from testkit.json_process import busy_process
-from testkit.report import PROGRESS, at_most, distribution, quantile, summarize
+from testkit.report import PROGRESS, at_most, distribution, summarize, summary
 
 MAX_P99_MS = 5.0
 #: Time between the program's start and the first measured tick [s].
@@ -95,7 +95,7 @@ def broken_limits(ticks: Floats) -> dict[str, int]:
 
 def measure(folder: Path, orb: Orb, seconds: float, adaptor: Sequence[str]) -> Floats:
     """All ticks of some seconds of the program."""
-    with RecordedRobot(folder, orb, "4,3,0", adaptor) as robot:
+    with contextlib.closing(RecordedRobot(folder, orb, "4,3,0", adaptor)) as robot:
         robot.agent.load(dumps(program()))
         robot.agent.run()
         time.sleep(WARM_UP_S)
@@ -113,31 +113,23 @@ def measure(folder: Path, orb: Orb, seconds: float, adaptor: Sequence[str]) -> F
 def row(which: str, ticks: Floats, seconds: float) -> tuple[dict[str, Any], list[float]]:
     late_s, missed = lateness_s(ticks[:, 0])
     late_ms = (late_s * 1e3).tolist()
-    between_ms = (np.abs(np.diff(ticks[:, 2]) - TICK_S) * 1e3).tolist()
     work_ms = ((ticks[:, 3] - ticks[:, 0]) * 1e3).tolist()
     found = {
         "robot": which,
         "ticks": len(ticks),
         "due": round(seconds / TICK_S),
         "missed": missed,
-        "late p50, ms": quantile(late_ms, 0.5),
-        "p99": quantile(late_ms, 0.99),
-        "worst": max(late_ms),
-        "between commands, off by p99, ms": quantile(between_ms, 0.99),
-        "a tick's work p50, ms": quantile(work_ms, 0.5),
-        "work p99, ms": quantile(work_ms, 0.99),
-        "top speed told, m/s": float(np.hypot(ticks[:, 6], ticks[:, 7]).max()),
+        **summary(late_ms, "late p50, ms", "p99", "worst"),
+        **summary(work_ms, "a tick's work p50, ms", "work p99, ms"),
         "beyond limits": sum(broken_limits(ticks).values()),
     }
     return found, late_ms
 
 
-def main(seconds: float = 60.0, pin: bool = False) -> bool:
-    *others, busy = sorted(os.sched_getaffinity(0))
-    if pin and others:
-        os.sched_setaffinity(0, others)
+def main(seconds: float = 60.0) -> bool:
+    busy = max(os.sched_getaffinity(0))
     rows, late = [], {}
-    with folder_of_bench() as folder, system_on_two_floors(folder) as (_, orb), ExitStack() as stack:
+    with system_on_two_floors() as (folder, _, _, orb), contextlib.ExitStack() as stack:
         stack.enter_context(busy_process(folder, [busy]))
         for which in ("virtual", "actual"):
             with PROGRESS.status(f"{which}: {seconds:g} s"):
@@ -160,10 +152,9 @@ def main(seconds: float = 60.0, pin: bool = False) -> bool:
             ("commands beyond a limit", "beyond limits", 0),
         )
     ]
-    bound = f"others on {others}" if pin else "others anywhere"
-    title = f"control loop at {1 / TICK_S:g} Hz, {seconds:g} s, core {busy} kept busy, {bound}"
+    title = f"control loop at {1 / TICK_S:g} Hz, {seconds:g} s, core {busy} kept busy"
     return summarize("control", title, rows, marks, distribution(late, "late, ms", "share of ticks that were earlier"))
 
 
 if __name__ == "__main__":
-    run(main, seconds="for each of the two robots", pin="keep servers and robot off the busy core")
+    run(main, seconds="for each of the two robots")

@@ -13,28 +13,25 @@ so and its own agent says that it is stopped; what the command says is not belie
 from __future__ import annotations
 
 import contextlib
-import os
 import re
 import signal
-import statistics
 import subprocess
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import psutil
 
-from bench.common.harness import folder_of_bench, progress, run
+from bench.common.harness import System, progress, run, system
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition
 from robocorba.robot.corba.remote_agent import RemoteAgent
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
-from testkit.json_process import ProcessFailed
-from testkit.processes import ROBOCORBA, Launcher, Running, command_line, drain, running_system
-from testkit.report import at_most, curves, distribution, quantile, summarize
+from testkit.json_process import Cpu, ProcessFailed
+from testkit.processes import ROBOCORBA, command_line, drain
+from testkit.report import at_most, curves, distribution, summarize, summary, timed_ms
 
 START_LIMIT_S = 300.0
 #: Time before a measurement begins [s].
@@ -47,8 +44,6 @@ PAUSE_S = 0.5
 BEFORE_STOP_S, COMMAND_LIMIT_S, MAX_RESETS, MAX_STAND_S = 40.0, 120.0, 5, 10.0
 #: Floors of the sample, over which robots are spread.
 FLOORS = ("L1", "L2", "L3", "L4", "L5")
-
-
 #: Begins the process title of a robot.
 TITLE = re.compile(r"robocorba\.clients\.robot (\S+) ")
 #: What the simulation server logs.
@@ -62,98 +57,105 @@ class Robot(NamedTuple):
     agent: RemoteAgent
 
 
-class Measured(NamedTuple):
-    """Of some time: answers [ms], calls without one, CPU of each robot and of each server in percent of a core."""
-
-    answers_ms: list[float]
-    failures: int
-    robots: dict[str, float]
-    servers: dict[str, float]
-
-
-def turning() -> str:
-    """A program that ends after hours."""
-    builder = ProgramBuilder("turning")
-    with builder.repeat(10_000):
-        builder.mbase_by(turn=1.5).mbase_by(turn=-1.5)
-    return dumps(builder.program())
+Fleet = Mapping[str, Robot]
 
 
 @contextlib.contextmanager
-def fleet_of(system: Running, orb: Orb, launch: Launcher, count: int) -> Iterator[dict[str, Robot]]:
+def fleet_of(place: System, count: int) -> Iterator[Fleet]:
     """So many robots, spread over all floors; all have started."""
-    file = system.state / "fleet.yaml"
-    sizes = [count // len(FLOORS) + (number < count % len(FLOORS)) for number in range(len(FLOORS))]
+    file = place.folder / "fleet.yaml"
+    sizes = [len(range(number, count, len(FLOORS))) for number in range(len(FLOORS))]
     groups = [
-        f"- {{prefix: {floor}-, count: {n}, floor: {floor}}}" for floor, n in zip(FLOORS, sizes, strict=True) if n
+        f"- {{prefix: {floor}-, count: {size}, floor: {floor}}}"
+        for floor, size in zip(FLOORS, sizes, strict=True)
+        if size
     ]
     file.write_text("\n".join(["robots:", *groups, ""]))
-    process = launch(ROBOCORBA, "robots", str(file), "--naming", str(orb.naming), "--state", str(system.state))
+    where = ("--naming", str(place.orb.naming), "--state", str(place.running.state))
+    process = place.launch(ROBOCORBA, "robots", str(file), *where)
     drain(process)
     assert process.stdout
     while (line := process.stdout.readline()) != "ready\n":
         if not line:
             raise ProcessFailed("the fleet has not started")
-    robots = {}
-    for child in psutil.Process(process.pid).children():
-        if found := TITLE.search(command_line(child)):
-            robots[found[1]] = Robot(child, RemoteAgent(orb, found[1]))
-    yield robots
+    children = ((child, TITLE.search(command_line(child))) for child in psutil.Process(process.pid).children())
+    yield {found[1]: Robot(child, RemoteAgent(place.orb, found[1])) for child, found in children if found}
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=START_LIMIT_S)
 
 
-def measure_for(seconds: float, system: Running, robots: Mapping[str, Robot]) -> Measured:
-    """Ask all robots for their state for some time."""
-    servers = {row.name: psutil.Process(row.pid) for row in system.record().processes}
-    processes = {**{name: robot.process for name, robot in robots.items()}, **servers}
+# ---- idle and moving robots ----
+
+
+def rows_for(seconds: float, fleet: Fleet, **groups: list[str]) -> list[dict[str, Any]]:
+    """Ask all robots for their state for some time; a row about each group of robots, with answers of all [ms]."""
     answers: list[float] = []
-    failures = 0
-    began, before = time.monotonic(), {name: _cpu_s(process) for name, process in processes.items()}
+    failures, cpu, began = 0, Cpu([robot.process.pid for robot in fleet.values()]), time.monotonic()
     while time.monotonic() < began + seconds:
-        for robot in robots.values():
-            asked = time.perf_counter()
+        for robot in fleet.values():
             try:
-                robot.agent.state()
+                answers.append(timed_ms(robot.agent.state)[1])
             except NotReachable:
                 failures += 1
-            answers.append((time.perf_counter() - asked) * 1e3)
         time.sleep(PAUSE_S)
     elapsed = time.monotonic() - began
-    busy = {name: (_cpu_s(process) - before[name]) / elapsed * 100 for name, process in processes.items()}
-    return Measured(answers, failures, {name: busy[name] for name in robots}, {name: busy[name] for name in servers})
+    percent = dict(zip(fleet, (spent_s / elapsed * 100 for spent_s in cpu.spent_s()), strict=True))
+    memory = {name: robot.process.memory_full_info().uss / 1e6 for name, robot in fleet.items()}
+    return [
+        {
+            "when": when.replace("_", " "),
+            "robots": len(names),
+            **summary([percent[name] for name in names], "CPU of one, %", worst="highest"),
+            **summary([memory[name] for name in names], "private, MB"),
+            **summary(answers, "answers p50, ms", "p99", "worst"),
+            "no answer": failures,
+        }
+        for when, names in groups.items()
+    ]
 
 
-def _cpu_s(process: psutil.Process) -> float:
-    return float(sum(process.cpu_times()[:2]))
+def idle_and_moving(place: System, fleet: Fleet, robots: int, driving: int, seconds: float) -> bool:
+    builder = ProgramBuilder("turning")
+    with builder.repeat(10_000):
+        builder.mbase_by(turn=1.5).mbase_by(turn=-1.5)
+    names = list(fleet)
+    drivers = names[:: max(1, len(names) // max(1, driving))][:driving]
+    time.sleep(SETTLE_S)
+    rows = rows_for(seconds, fleet, nobody_moves=names)
+    for name in drivers:
+        fleet[name].agent.load(dumps(builder.program()))
+        fleet[name].agent.run()
+    time.sleep(SETTLE_S)
+    rows += rows_for(seconds, fleet, others_move=[name for name in names if name not in drivers], moves=drivers)
+    states = {name: fleet[name].agent.state() for name in drivers}
+    stopped = {name: state for name, state in states.items() if state.condition is not AgentCondition.RUNNING}
+    print(*(f"{name}: {state.program.reason or state.reason}" for name, state in stopped.items()), sep="\n")
+    expired = len(EXPIRED.findall((place.running.state / "logs" / "simulation.log").read_text()))
+    marks = [
+        at_most("robots that did not start", robots - len(names), 0),
+        at_most("CPU of an idle robot, median, %", rows[0]["CPU of one, %"], MAX_IDLE_PERCENT),
+        at_most("private memory of a robot, MB", rows[0]["private, MB"], MAX_MB),
+        *(at_most(f"{row['when']}: slowest answer, ms", row["worst"], MAX_ANSWER_MS) for row in rows[:2]),
+        at_most("calls without an answer", sum(row["no answer"] for row in rows[:2]), 0),
+        at_most("leases lost", expired, 0),
+        at_most("moving robots that stopped", len(stopped), 0),
+    ]
+    draw = distribution({row["when"]: [row["answers p50, ms"], row["p99"], row["worst"]] for row in rows}, "ms")
+    return summarize("fleet", f"{robots} robots, {len(drivers)} of which move", rows, marks, draw)
 
 
-def row(when: str, measured: Measured, robots: Mapping[str, Robot], names: Sequence[str]) -> dict[str, Any]:
-    """Of the robots with these names."""
-    busy = [measured.robots[name] for name in names]
-    return {
-        "when": when,
-        "robots": len(names),
-        "CPU of one, %": statistics.median(busy),
-        "highest": max(busy),
-        "private, MB": statistics.median(robots[name].process.memory_full_info().uss / 1e6 for name in names),
-        "simulation, %": measured.servers["simulation"],
-        "answers p50, ms": statistics.median(measured.answers_ms),
-        "p99": quantile(measured.answers_ms, 0.99),
-        "worst": max(measured.answers_ms),
-        "load": os.getloadavg()[0],
-    }
+# ---- stops of all ----
 
 
-def stop_all(system: Running, *options: str) -> tuple[float, str]:
+def stop_all(place: System, *options: str) -> tuple[float, str]:
     """Seconds and output of `robocorba stop --all`."""
     began = time.monotonic()
-    command = (ROBOCORBA, "stop", "--all", "--naming", str(system.naming), *options)
+    command = (ROBOCORBA, "stop", "--all", "--naming", str(place.orb.naming), *options)
     done = subprocess.run(command, capture_output=True, text=True, timeout=COMMAND_LIMIT_S)
     return time.monotonic() - began, done.stdout
 
 
-def in_condition(fleet: Mapping[str, Robot], *conditions: AgentCondition) -> int:
+def in_condition(fleet: Fleet, *conditions: AgentCondition) -> int:
     """The number of robots whose agents say that they are in one of these conditions."""
     count = 0
     for name, robot in fleet.items():
@@ -164,29 +166,28 @@ def in_condition(fleet: Mapping[str, Robot], *conditions: AgentCondition) -> int
     return count
 
 
-def stop_round(system: Running, fleet: Mapping[str, Robot]) -> dict[str, Any]:
+def stop_round(place: System, fleet: Fleet) -> dict[str, Any]:
     """All are stopped, then restarted."""
     time.sleep(BEFORE_STOP_S)
-    stop_s, printed = stop_all(system, "--state", str(system.state))
+    stop_s, printed = stop_all(place, "--state", str(place.running.state))
     shown = sum("\tstands" in line for line in printed.splitlines())
     stopped = in_condition(fleet, AgentCondition.STOPPED)
     left, reset_s = [len(fleet)], 0.0
     while left[-1] and len(left) <= MAX_RESETS:
-        reset_s += stop_all(system, "--reset")[0]
+        reset_s += stop_all(place, "--reset")[0]
         left.append(len(fleet) - in_condition(fleet, AgentCondition.IDLE, AgentCondition.RUNNING))
     return {
         "not shown to stand": len(fleet) - shown,
         "not stopped": len(fleet) - stopped,
         "after, s": stop_s,
         "left by the first reset": left[1],
-        "resets": len(left) - 1,
         "left": left[-1],
         "resets took, s": reset_s,
     }
 
 
-def stops_of_all(system: Running, fleet: Mapping[str, Robot], robots: int, rounds: int) -> bool:
-    rows = [stop_round(system, fleet) for _ in progress(range(rounds), "rounds")]
+def stops_of_all(place: System, fleet: Fleet, robots: int, rounds: int) -> bool:
+    rows = [stop_round(place, fleet) for _ in progress(range(rounds), "rounds")]
     marks = [
         at_most(f"robots {what}, in all rounds", sum(row[what] for row in rows), 0)
         for what in ("not shown to stand", "not stopped", "left", "left by the first reset")
@@ -199,45 +200,10 @@ def stops_of_all(system: Running, fleet: Mapping[str, Robot], robots: int, round
 
 
 def main(robots: int = 100, driving: int = 40, seconds: float = 30.0, stops: int = 0) -> bool:
-    with (
-        folder_of_bench() as folder,
-        running_system(folder) as (system, launch),
-        Orb(system.naming) as orb,
-        fleet_of(system, orb, launch, robots) as fleet,
-    ):
+    with system() as place, fleet_of(place, robots) as fleet:
         if stops:
-            return stops_of_all(system, fleet, robots, stops)
-        names = list(fleet)
-        drivers = names[:: max(1, len(names) // max(1, driving))][:driving]
-        others = [name for name in names if name not in drivers]
-        time.sleep(SETTLE_S)
-        idle = measure_for(seconds, system, fleet)
-        rows = [row("nobody moves", idle, fleet, names)]
-        for name in drivers:
-            fleet[name].agent.load(turning())
-            fleet[name].agent.run()
-        time.sleep(SETTLE_S)
-        moving = measure_for(seconds, system, fleet)
-        rows += [row("idle, others move", moving, fleet, others), row("moves", moving, fleet, drivers)]
-        states = {name: fleet[name].agent.state() for name in drivers}
-        stopped = {name: state for name, state in states.items() if state.condition is not AgentCondition.RUNNING}
-        for name, state in stopped.items():
-            print(f"{name}: {state.condition.name.lower()} {state.program.reason if state.program else state.reason}")
-        expired = len(EXPIRED.findall((system.state / "logs" / "simulation.log").read_text()))
-    marks = [
-        at_most("robots that did not start", robots - len(names), 0),
-        at_most("CPU of an idle robot, median, %", rows[0]["CPU of one, %"], MAX_IDLE_PERCENT),
-        at_most("private memory of a robot, MB", rows[0]["private, MB"], MAX_MB),
-        at_most("nobody moves: slowest answer, ms", rows[0]["worst"], MAX_ANSWER_MS),
-        at_most("others move: slowest answer, ms", rows[1]["worst"], MAX_ANSWER_MS),
-        at_most("calls without an answer", idle.failures + moving.failures, 0),
-        at_most("leases lost", expired, 0),
-        at_most("moving robots that stopped", len(stopped), 0),
-    ]
-
-    samples = {"nobody moves": idle.answers_ms, f"{len(drivers)} move": moving.answers_ms}
-    draw = distribution(samples, "ms until a robot's answer")
-    return summarize("fleet", f"{robots} robots, {len(drivers)} of which move", rows, marks, draw)
+            return stops_of_all(place, fleet, robots, stops)
+        return idle_and_moving(place, fleet, robots, driving, seconds)
 
 
 if __name__ == "__main__":

@@ -97,30 +97,18 @@ def by_mink(inverse: InverseKinematics, side: Side) -> Solve:
     return solve
 
 
-def measure(
-    body: SmartPalBody, side: Side, by: str, solve: Solve, truth: list[Floats]
-) -> tuple[dict[str, Any], list[float]]:
-    """A row, and the duration of each solve [ms]."""
-    solved, times = 0, []
-    solve(body.hand(side, truth[0]))
-    for joints in truth:
-        target = body.hand(side, joints)
-        found, took = timed_ms(solve, target)
-        times.append(took)
-        if found is not None:
-            way, turn = body.hand(side, found).distance(target)
-            solved += (
-                way < NEAR_M
-                and turn < NEAR_RAD
-                and bool(np.all((found >= JOINT_LOWER - 1e-9) & (found <= JOINT_UPPER + 1e-9)))
-            )
-    share = {"arm": side.value, "by": by, "poses": len(truth), "solved": solved / len(truth)}
-    return {**share, **summary(times, "median ms", "p99 ms", "worst ms")}, times
+def is_solved(body: SmartPalBody, side: Side, target: HandPose, found: Floats | None) -> bool:
+    if found is None:
+        return False
+    way, turn = body.hand(side, found).distance(target)
+    is_within = np.all((found >= JOINT_LOWER - 1e-9) & (found <= JOINT_UPPER + 1e-9))
+    return bool(way < NEAR_M and turn < NEAR_RAD and is_within)
 
 
 def main() -> bool:
     body, inverse = SmartPalBody(), InverseKinematics()
-    rows, times, marks = [], {}, []
+    rows: list[dict[str, Any]] = []
+    times, marks = {}, []
     for side in Side:
         anywhere = postures(body, side, POSES, False)
         for by, solve, truth in (
@@ -128,11 +116,16 @@ def main() -> bool:
             ("ours, clear of the body", ours(inverse, side, True), postures(body, side, POSES, True)),
             ("mink + daqp", by_mink(inverse, side), anywhere[:FEW]),
         ):
-            row, times[f"{side.value} arm, {by}"] = measure(body, side, by, solve, truth)
-            rows.append(row)
+            targets = [body.hand(side, joints) for joints in truth]
+            solve(targets[0])
+            answers = [timed_ms(solve, target) for target in targets]
+            times[f"{side.value} arm, {by}"] = ms = [took for _, took in answers]
+            solved = [is_solved(body, side, target, found) for target, (found, _) in zip(targets, answers, strict=True)]
+            row = {"arm": side.value, "by": by, "poses": len(truth), "solved": sum(solved) / len(truth)}
+            rows.append({**row, **summary(ms, "median ms", "p99 ms", "worst ms")})
             if by.startswith("ours"):
-                marks.append(at_least(f"{side.value} arm, {by}: share solved", row["solved"], 0.99))
-                marks.append(at_most(f"{side.value} arm, {by}: median ms", row["median ms"], 1.0))
+                marks.append(at_least(f"{side.value} arm, {by}: share solved", rows[-1]["solved"], 0.99))
+                marks.append(at_most(f"{side.value} arm, {by}: median ms", rows[-1]["median ms"], 1.0))
     title = f"inverse kinematics, {POSES:,} random reachable poses an arm"
     return summarize("kinematics", title, rows, marks, distribution(times, "ms", "share of solves that took less"))
 

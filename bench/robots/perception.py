@@ -12,31 +12,30 @@ import random
 import statistics
 import time
 
-import psutil
-
 from bench.common.harness import folder_of_bench, run
+from bench.robots.protection import contacts_of
 from robocorba.errors.base import RoboCorbaError
-from robocorba.map_editor.model import Building, Floor, FloorMap, GeometricalMap, Wall
+from robocorba.map_editor.model import Building, Wall
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.robot.agent_state import AgentCondition, ProgramResult
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
-from robocorba.stubs import RoboCorba
+from testkit.buildings import rectangular
 from testkit.heartbeats import heartbeats
+from testkit.json_process import Cpu
 from testkit.missions import FLOOR, MissionSystem, RobotStart, missions
 from testkit.report import at_least, at_most, distribution, summarize
 from testkit.simulation import about
 
-WIDE_M, DEEP_M, MAX_COST_PERCENT, MIN_ARRIVED = 18.0, 12.0, 3.0, 0.99
+MAX_COST_PERCENT, MIN_ARRIVED = 3.0, 0.99
 #: Where robots drive to, and between them, where things are [m].
 PLACES = [(x, y) for x in (1.5, 4.5, 7.5, 10.5, 13.5, 16.5) for y in (1.5, 4.5, 7.5, 10.5)]
 BETWEEN = [(x, y) for x in (3.0, 6.0, 9.0, 12.0, 15.0) for y in (1.5, 3.0, 4.5, 7.5, 9.0, 10.5)]
 
 
 def hall() -> Building:
-    outline = ((0.0, 0.0), (WIDE_M, 0.0), (WIDE_M, DEEP_M), (0.0, DEEP_M))
-    walls = {f"w{x}": Wall(f"w{x}", (x, 5.4), (x, 6.6)) for x in (4.5, 9.0, 13.5)}
-    return Building("hall", {FLOOR: FloorMap(Floor(FLOOR, 1, 0.0, outline=outline), GeometricalMap(walls, {}, {}))})
+    walls = ((FLOOR, Wall(f"w{x}", (x, 5.4), (x, 6.6))) for x in (4.5, 9.0, 13.5))
+    return rectangular("hall", (18.0, 12.0), [FLOOR], *walls)
 
 
 def drive(place: MissionSystem, seconds: float, choice: random.Random) -> dict[str, list[str]]:
@@ -65,12 +64,6 @@ def drive(place: MissionSystem, seconds: float, choice: random.Random) -> dict[s
     return ends
 
 
-def contacts_of(place: MissionSystem, name: str) -> int:
-    """By its bumper, since it logged on."""
-    agent = place.orb.resolve(f"Robots/{name}", RoboCorba.RobotAgent)
-    return int(sum(each.value for each in agent._get_sensors().readings() if each.name == "bumper"))
-
-
 def main(robots: int = 6, things: int = 20, minutes: float = 30.0) -> bool:
     choice = random.Random(1)
     with folder_of_bench() as folder, missions(folder, hall()) as place:
@@ -80,31 +73,28 @@ def main(robots: int = 6, things: int = 20, minutes: float = 30.0) -> bool:
             bodies.append(place.server.registerRobot(about(f"thing{number}", *at, floor=FLOOR, radius=radius_m)))
         with contextlib.closing(heartbeats(lambda: bodies)):
             starts = [RobotStart(x, y, 0.0, "") for x, y in choice.sample(PLACES, robots + 2)]
-            seeing, others = (
-                [f"{kind}{number}" for number in range(count)] for kind, count in (("S", robots), ("M", 2))
-            )
+            seeing, others = [f"S{number}" for number in range(robots)], ["M0", "M1"]
             place.start(dict(zip(seeing, starts, strict=False)), "--perceive", "sensors")
             place.start(dict(zip(others, starts[robots:], strict=True)))
-            processes = {name: psutil.Process(process.pid) for name, process in place.robots.items()}
-            before = {name: sum(process.cpu_times()[:2]) for name, process in processes.items()}
+            cpu = Cpu([process.pid for process in place.robots.values()])
             ends = drive(place, 60.0 * minutes, choice)
-            took_s = {name: sum(process.cpu_times()[:2]) - before[name] for name, process in processes.items()}
-            contacts = {name: contacts_of(place, name) for name in place.robots}
-    busy = {name: took_s[name] / (60.0 * minutes) * 100 for name in took_s}
+            busy = dict(zip(place.robots, (took_s / (0.6 * minutes) for took_s in cpu.spent_s()), strict=True))
+            contacts = {name: contacts_of(place.orb, name) for name in place.robots}
     rows = [
         {"robot": name, "arrived": ends[name].count(""), "contacts": contacts[name], "CPU, %": busy[name]}
         for name in busy
     ]
     drives = [end for name in seeing for end in ends[name]]
     print(*filter(None, drives), sep="\n")
-    cost = statistics.median(busy[name] for name in seeing) - statistics.median(busy[name] for name in others)
+    of = {"see": [busy[name] for name in seeing], "don't": [busy[name] for name in others]}
+    cost = statistics.median(of["see"]) - statistics.median(of["don't"])
     marks = [
         at_most("contacts of robots that see", sum(contacts[name] for name in seeing), 0),
         at_least("share of drives that arrive", drives.count("") / max(1, len(drives)), MIN_ARRIVED),
         at_most("cost of a robot, % of a core", cost, MAX_COST_PERCENT),
     ]
-    draw = distribution({"see": [busy[name] for name in seeing], "don't": [busy[name] for name in others]}, "CPU, %")
-    return summarize("perception", f"{robots} robots among {things} things that no map has", rows, marks, draw)
+    title = f"{robots} robots among {things} things that no map has"
+    return summarize("perception", title, rows, marks, distribution(of, "CPU, %"))
 
 
 if __name__ == "__main__":

@@ -16,28 +16,24 @@ import math
 import os
 import random
 import signal
-import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from bench.common.harness import folder_of_bench, progress, run
-from bench.robots.recorded_robot import FLOOR, HANG_S, NAME, RecordedRobot, system_on_two_floors
+from bench.common.harness import System, progress, run
+from bench.robots.recorded_robot import FLOOR, NAME, RecordedRobot, system_on_two_floors
 from robocorba.errors.robots import RobotError
 from robocorba.errors.services import NotReachable
-from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentCondition
 from robocorba.robot.high_controller import SPEED_CAP
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
-from robocorba.stubs import _GlobalIDL
 from testkit.actual_robot import StandIn, running_stand_in
 from testkit.json_process import Process, checkout_command
 from testkit.namespaces import Namespace, ip, own_network
-from testkit.processes import ROBOCORBA, Running, eventually
-from testkit.report import at_most, distribution, quantile, summarize
+from testkit.processes import eventually
+from testkit.report import at_most, distribution, summarize, summary
 
 MAX_MS = 100.0
 PATIENCE_S = 60.0
@@ -65,11 +61,11 @@ class Stop(NamedTuple):
 
 
 class Case(NamedTuple):
-    """A kind of fault. happens: causes it, and may return its time if that is not the time of the call. over: ends it.
-    is_silent: no process is left to notice it; then there is no mark."""
+    """A kind of fault. happens: causes it. over: ends it. is_silent: no process is left to notice it; then there is no
+    mark."""
 
     what: str
-    happens: Callable[[], float | None]
+    happens: Callable[[], object]
     over: Callable[[], object] = lambda: None
     moves: str = "base"
     is_silent: bool = False
@@ -79,15 +75,13 @@ class Stage:
     """One robot, which is restarted after its process was killed. actual: the stand-in of an actual robot, cable: the
     network namespace that it is in."""
 
-    def __init__(
-        self, folder: Path, orb: Orb, system: Running, actual: StandIn | None, cable: Namespace | None
-    ) -> None:
-        self._folder, self._orb, self._system, self._actual, self._cable = folder, orb, system, actual, cable
-        self._starts = 0
+    def __init__(self, place: System, actual: StandIn | None, cable: Namespace | None) -> None:
+        self._folder, self._running, _, self._orb = place
+        self._actual, self._cable, self._starts = actual, cable, 0
         self.robot = self._start()
-        what = ("units", str(actual.naming)) if actual else ("building", str(orb.naming), FLOOR, NAME)
+        what = ("units", str(actual.naming)) if actual else ("building", str(self._orb.naming), FLOOR, NAME)
         command = (*(cable.command() if cable else ()), *checkout_command("bench.robots.watcher", *what))
-        self._watcher = Process(command, folder / f"watcher-{what[0]}.log")
+        self._watcher = Process(command, self._folder / f"watcher-{what[0]}.log")
         self._watcher.receive(PATIENCE_S)
 
     def close(self) -> None:
@@ -106,15 +100,15 @@ class Stage:
         self._set_off(case.moves)
         time.sleep(random.uniform(0.0, 0.1))
         self._watcher.ask("so far", PATIENCE_S)
-        called = time.monotonic()
-        began = case.happens() or called
+        began = time.monotonic()
+        case.happens()
         if not case.is_silent:
             eventually(lambda: self._condition() is AgentCondition.STOPPED, PATIENCE_S, "a reported stop")
         time.sleep(max(0.0, began + WATCH_S - time.monotonic()))
         looks = [look for look in self._watcher.ask("since then", PATIENCE_S) if look[0] >= began]
         stands_at = stands(looks, case.moves)
         case.over()
-        noticed = [one["at"] for one in self.robot.stops(began) if one["event"] == "stop" and not case.is_silent]
+        noticed = [] if case.is_silent else self.robot.stops(began)
         eventually(self._is_back, PATIENCE_S, "that the robot is back")
         return Stop(*(None if at is None else (at - began) * 1e3 for at in (next(iter(noticed), None), stands_at)))
 
@@ -130,9 +124,8 @@ class Stage:
 
         def is_moving() -> bool:
             actor = self.robot.agent.state().actor
-            if moves == "arms":
-                return bool(abs(actor.joint_velocities).max() > ARM_SPEED_RAD_S)
-            return math.hypot(*actor.velocity[:2]) > FULL_SPEED_M_S
+            arms, base = abs(actor.joint_velocities).max(), math.hypot(*actor.velocity[:2])
+            return bool(arms > ARM_SPEED_RAD_S if moves == "arms" else base > FULL_SPEED_M_S)
 
         eventually(is_moving, PATIENCE_S, f"{moves} that move")
 
@@ -152,28 +145,6 @@ class Stage:
 
     # ---- what happens ----
 
-    def _stop_by_command(self) -> float:
-        """Returns the time at which the agent got the call, since the command's Python takes longer to start than the
-        robot to stop."""
-        asked = time.monotonic()
-        command = (ROBOCORBA, "stop", NAME, "--naming", str(self._orb.naming))
-        subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
-        return float(self.robot.stops(asked)[0]["at"])
-
-    def _hang_adaptor(self) -> float:
-        """Returns the time at which the hanging write began."""
-        asked = time.monotonic()
-        self._signal(signal.SIGUSR1)
-        hangs = eventually(lambda: self.robot.stops(asked), PATIENCE_S, "an adaptor that hangs")
-        return float(hangs[0]["at"])
-
-    def _stop_while_it_hangs(self) -> float:
-        self._hang_adaptor()
-        time.sleep(0.03)  # its last command is still valid
-        began = time.monotonic()
-        self.robot.agent.stop()
-        return began
-
     def _continue_process(self) -> None:
         time.sleep(PAUSE_S)
         self._signal(signal.SIGCONT)
@@ -190,17 +161,12 @@ class Stage:
         def stop() -> None:
             self.robot.agent.stop()
 
-        wait = partial(time.sleep, HANG_S)
-        yield Case("emergency stop over CORBA", stop)
-        yield Case("`robocorba stop`", self._stop_by_command)
-        yield Case("emergency stop, adaptor hangs", self._stop_while_it_hangs, wait)
-        yield Case("adaptor hangs", self._hang_adaptor, wait)
+        yield Case("emergency stop", stop)
         if self._actual:
-            faults, alarm = self._actual.faults, ("MnpR", 0x99, _GlobalIDL.FAULT, "too hot")
+            faults = self._actual.faults
             yield Case("emergency stop, arms move", stop, moves="arms")
-            yield Case("simulation server is killed", lambda: os.kill(self._system.pid("simulation"), signal.SIGKILL))
+            yield Case("simulation server is killed", lambda: os.kill(self._running.pid("simulation"), signal.SIGKILL))
             yield Case("a unit is lost", lambda: faults.lost("MnpR", True), faults.none)
-            yield Case("a unit has an alarm", lambda: faults.alarm(*alarm), faults.none)
         if cable := self._cable:
             pull, plug = (partial(cable.ip, "link", "set", CABLE, state) for state in ("down", "up"))
             yield Case("network is cut", pull, plug)
@@ -229,7 +195,7 @@ def row(which: str, case: Case, stops: Sequence[Stop]) -> dict[str, Any]:
     for what in ("noticed_ms", "stands_ms", "after_notice_ms"):
         known = [value for one in stops if (value := getattr(one, what)) is not None]
         title = f"{what.removesuffix('_ms').replace('_', ' ')}, ms"
-        found |= {title: quantile(known, 0.5) if known else None, f"{title}, worst": max(known, default=None)}
+        found |= summary(known, title, worst=f"{title}, worst")
     return found
 
 
@@ -246,15 +212,17 @@ def own_computer() -> Iterator[tuple[Namespace, str]]:
 
 
 @contextlib.contextmanager
-def stage(which: str, folder: Path, orb: Orb, system: Running, has_networks: bool) -> Iterator[Stage]:
+def stage(which: str, place: System, has_networks: bool) -> Iterator[Stage]:
     with contextlib.ExitStack() as stack:
         actual, cable, host = None, None, "127.0.0.1"
         if which == "actual":
             if has_networks:
                 cable, host = stack.enter_context(own_computer())
             within = cable.command() if cable else ()
-            actual = stack.enter_context(running_stand_in(folder / "robot", orb=orb, host=host, within=within))
-        yield stack.enter_context(contextlib.closing(Stage(folder, orb, system, actual, cable)))
+            actual = stack.enter_context(
+                running_stand_in(place.folder / "robot", orb=place.orb, host=host, within=within)
+            )
+        yield stack.enter_context(contextlib.closing(Stage(place, actual, cable)))
 
 
 def main(rounds: int = 20, only: str = "", robot: str = "both") -> bool:
@@ -264,14 +232,12 @@ def main(rounds: int = 20, only: str = "", robot: str = "both") -> bool:
     except OSError:
         has_networks = False
     rows, marks, samples = [], [], {}
-    with folder_of_bench() as folder, system_on_two_floors(folder) as (system, orb):
+    with system_on_two_floors() as place:
         for which in ("virtual", "actual") if robot == "both" else (robot,):
-            with stage(which, folder, orb, system, has_networks) as found:
+            with stage(which, place, has_networks) as found:
                 for case in (case for case in found.cases() if only in case.what):
-                    count, label = (
-                        max(1, rounds // (KILLS_SHARE if "killed" in case.what else 1)),
-                        f"{which}: {case.what}",
-                    )
+                    label = f"{which}: {case.what}"
+                    count = max(1, rounds // (KILLS_SHARE if "killed" in case.what else 1))
                     stops = [found.round(case) for _ in progress(range(count), label)]
                     rows.append(row(which, case, stops))
                     samples[label] = [one.stands_ms for one in stops if one.stands_ms is not None]

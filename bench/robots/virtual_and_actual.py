@@ -10,24 +10,24 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
-from bench.common.harness import folder_of_bench, run
+from bench.common.harness import folder_of_bench, progress, run
 from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import AgentState, ProgramResult
 from robocorba.robot.kinematics.body import SmartPalBody
 from testkit.actual_robot import running_stand_in
 from testkit.processes import running_system
-from testkit.report import PROGRESS, Mark, at_most, curves, summarize
-from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, StateDifference, difference, robot_process
+from testkit.report import at_most, curves, summarize
+from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, difference, robot_process
 
 ROBOT = "A"
 SAMPLES = Path(str(files("robocorba") / "samples"))
 BUILDING, PROGRAM = SAMPLES / "five-floors.yaml", SAMPLES / "both-floors.json"
 WHERE = ("--floor", "L1", "--at", "17,9.25,1.57", "--channel", "main")
+#: Largest differences at the end.
+LIMITS = {"base, m": BASE_M, "turned, deg": math.degrees(TURNED_RAD), "hand, m": HAND_M}
 WORLD = ("--world", str(BUILDING), "--world-floor", "L2", "--world-at", "17", "9.25", "1.57")
 
 
@@ -50,35 +50,20 @@ def last_state(folder: Path, adaptor: str, seed: int) -> AgentState:
         return state
 
 
-def row(number: int, end: StateDifference) -> dict[str, Any]:
-    hand_mm = 1e3 * max(end.hands_m.values())
-    return {
-        "run": number,
-        "base, mm": 1e3 * end.base_m,
-        "turned, deg": math.degrees(end.turned_rad),
-        "hand, mm": hand_mm,
-    }
-
-
-def marks(rows: Sequence[dict[str, Any]]) -> list[Mark]:
-    limits = {"base, mm": 1e3 * BASE_M, "turned, deg": math.degrees(TURNED_RAD), "hand, mm": 1e3 * HAND_M}
-    return [at_most(f"{what}, at the end", max(row[what] for row in rows), limit) for what, limit in limits.items()]
-
-
 def main(runs: int = 3) -> bool:
-    rows = []
+    rows, body = [], SmartPalBody()
     with folder_of_bench() as folder:
-        for number in range(1, runs + 1):
-            with PROGRESS.status(f"run {number} of {runs}"):
-                virtual, actual = (
-                    last_state(folder / f"{number}-{adaptor}", adaptor, number) for adaptor in ("simulated", "smartpal")
-                )
-            rows.append(row(number, difference(virtual, actual, SmartPalBody())))
-    draw = curves(
-        [row["run"] for row in rows], {what: [row[what] for row in rows] for what in list(rows[0])[1:]}, "run"
-    )
+        for number in progress(range(1, runs + 1), "runs"):
+            states = [
+                last_state(folder / f"{number}-{adaptor}", adaptor, number) for adaptor in ("simulated", "smartpal")
+            ]
+            end = difference(*states, body)
+            off = end.base_m, math.degrees(end.turned_rad), max(end.hands_m.values())
+            rows.append({"run": number, **dict(zip(LIMITS, off, strict=True))})
+    columns = {what: [row[what] for row in rows] for what in LIMITS}
+    marks = [at_most(f"{what}, at the end", max(columns[what]), limit) for what, limit in LIMITS.items()]
     title = f"{PROGRAM.stem} on a virtual and on an actual robot"
-    return summarize("virtual_and_actual", title, rows, marks(rows), draw)
+    return summarize("virtual_and_actual", title, rows, marks, curves(range(1, runs + 1), columns, "run"))
 
 
 if __name__ == "__main__":

@@ -12,24 +12,20 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
-import time
-from collections import deque
 from collections.abc import Callable
 
 from omniORB import CORBA
 
+from bench.common.harness import sampled
 from robocorba.errors.base import RoboCorbaError
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba, YeRTUnitMobility, _GlobalIDL
-from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Address
 from testkit.json_process import answer_lines
 from testkit.simulation import RemoteFloor
 
 #: Interval between observations [s].
 LOOK_S = 0.002
-#: Maximum number of observations that wait to be printed: one minute.
-MAX_LOOKS = 30_000
 #: Timeouts for resolving and for calls [s].
 RESOLVE_TIMEOUT_S, CALL_LIMIT_S = 0.5, 1.0
 #: A base below this speed is stationary [m/s] and [rad/s].
@@ -38,7 +34,7 @@ _MOBILITY_BUSY = 0x11
 Look = Callable[[], list[float]]
 
 
-def building(orb: Orb, floor: str, name: str) -> Look:
+def body_of(orb: Orb, floor: str, name: str) -> Look:
     """Observes the robot's body through the Omni database."""
     copy: list[RemoteFloor] = []
 
@@ -75,18 +71,17 @@ def units(orb: Orb) -> Look:
 
 
 def main(what: str, naming: str, *more: str) -> None:
-    looks: deque[list[float]] = deque(maxlen=MAX_LOOKS)
     with Orb(Address.parse(naming, "HOST:PORT"), call_timeout_s=CALL_LIMIT_S) as orb:
-        look = building(orb, *more) if what == "building" else units(orb)
+        look = body_of(orb, *more) if what == "building" else units(orb)
         look()
 
-        def watch() -> None:
+        def watch() -> list[float] | None:
             with contextlib.suppress(RoboCorbaError, ValueError, KeyError, CORBA.SystemException):
-                seen = look()
-                looks.append([time.monotonic(), *seen])
+                return look()
+            return None
 
-        with contextlib.closing(Repeating("watcher", watch, LOOK_S).start()):
-            answer_lines(lambda _: [looks.popleft() for _ in range(len(looks))])
+        with sampled(watch, LOOK_S) as looks:
+            answer_lines(lambda _: [[at, *seen] for at, seen in (looks.pop(0) for _ in range(len(looks))) if seen])
 
 
 if __name__ == "__main__":

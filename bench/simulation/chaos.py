@@ -8,11 +8,10 @@ server, and then the simulation server right after it has accepted a grip, a rid
 from __future__ import annotations
 
 import contextlib
-from typing import Any
 
 from bench.common.harness import folder_of_bench, progress, run
 from testkit.report import at_most, distribution, summarize, summary
-from testkit.simulation import CLIENT_SPEED, CLIENTS, LOST_S, RELEASE_LIMIT_S, ROBOTS_EACH, STOP_S, Chaos, simulation
+from testkit.simulation import LOST_S, RELEASE_LIMIT_S, STOP_S, Chaos, simulation
 
 #: Titles of the measurements, by the member of Outcome.
 TIMES = {
@@ -33,27 +32,13 @@ def main(rounds: int = 20, seed: int = 1) -> bool:
         contextlib.closing(Chaos(place, seed)) as chaos,
     ):
         outcomes = [chaos.round() for _ in progress(range(rounds), "rounds")]
-    for number, outcome in enumerate(outcomes, 1):
-        for fault in outcome.faults:
-            print(f"MISSED in round {number}: {fault}")
-    rows: list[dict[str, Any]] = []
-    times = {member: [getattr(outcome, member) for outcome in outcomes] for member in TIMES}
-    for member, values in times.items():
-        spread = {**summary(values, "median"), "least": min(values), "most": max(values)}
-        rows.append({"after a kill": TIMES[member], "rounds": len(values), **spread})
-    marks = [at_most(TIMES[member], max(times[member]), most) for member, most in LIMITS.items()]
+    print(*(f"round {number}: {fault}" for number, one in enumerate(outcomes, 1) for fault in one.faults), sep="\n")
+    times = {title: [getattr(outcome, member) for outcome in outcomes] for member, title in TIMES.items()}
+    rows = [{"after a kill": title, **summary(values, "median", worst="most")} for title, values in times.items()]
+    marks = [at_most(TIMES[member], max(times[TIMES[member]]), most) for member, most in LIMITS.items()]
     marks.append(at_most("rounds with a fault", sum(bool(one.faults) for one in outcomes), 0))
-    title = (
-        f"kills of a client, a sensor server and the server: {CLIENTS} clients with {ROBOTS_EACH} robots each at "
-        f"{CLIENT_SPEED:g} m/s; poses of {LOST_S:g} s may be lost"
-    )
-    curves = {
-        TIMES[member]: values
-        for member, values in times.items()
-        if member in ("stop_s", "free_s", "sensor_s", "back_s")
-    }
-    draw = distribution(curves, "s after the kill", "share of rounds")
-    return summarize("simulation_chaos", title, rows, marks, draw)
+    title = f"kills of a client, a sensor server and the server, {rounds} rounds; poses of {LOST_S:g} s may be lost"
+    return summarize("simulation_chaos", title, rows, marks, distribution(times, "after the kill", "share of rounds"))
 
 
 if __name__ == "__main__":

@@ -46,58 +46,36 @@ FRONT = 0.7
 
 
 class Wanderers:
-    """Clients that let the named robots wander by their scans. one_by_one: one scan call for each robot, as through the
-    robots' own references; else one call for each floor."""
+    """Clients that let the named robots wander by their scans, in one call for each floor."""
 
-    def __init__(self, building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> None:
+    def __init__(self, building: Building, names: list[str], spec: ScanSpec) -> None:
         self._sensor = VirtualSensor()
         self._sensor.set_map(building)
         self._sensor.warm_up()
-        self._names, self._spec, self._one_by_one = names, spec, one_by_one
+        self._names, self._spec = names, spec
         self._front = np.flatnonzero(np.cos(spec.fan.angles) > FRONT)
         self._near_m = NEAR_M + (0.0 if spec.rim_m else RADIUS_M)
         self._chance = np.random.default_rng(5)
         self._side = self._chance.choice((-1.0, 1.0), len(names))
         #: Robots on each floor: their rows in `names`, and their rows in the sensor's copy of the floor.
         self._rows: dict[str, tuple[Longs, Longs]] = {}
-        self.distances: Floats = np.empty((len(names), spec.fan.count))
-        self._worked = time.process_time()
+        self._distances: Floats = np.empty((len(names), spec.fan.count))
 
     def commands(self, updates: list[bytes]) -> bytes:
-        """Apply encoded updates, scan, and return the encoded commands."""
-        self.follow([floor_format.loads(update) for update in updates])
-        self.scan()
-        return self.wander().tobytes()
-
-    def take(self) -> float:
-        """CPU time of this process since the last call [s]."""
-        before, self._worked = self._worked, time.process_time()
-        return self._worked - before
-
-    def follow(self, updates: list[FloorUpdate]) -> None:
-        for update in updates:
+        """Apply encoded updates, scan, and return the encoded commands (robots, 2): speed ahead [m/s] and turn [rad/s],
+        along a bend, or on the spot near an obstacle."""
+        for update in map(floor_format.loads, updates):
             self._sensor.follow(update, time.monotonic())
             if update.came or update.went:
                 self._sort(update.floor)
-
-    def scan(self) -> None:
-        """Scan with all sensors into `distances` (robots, rays) [m]."""
         for floor, (rows, places) in self._rows.items():
             here = self._sensor.view(floor).motions[places]
             poses = np.column_stack([here["x"], here["y"], here["heading"]])
-            if self._one_by_one:
-                for row, pose in zip(rows.tolist(), poses, strict=True):
-                    found = self._sensor.scan(floor, pose[np.newaxis], Mount(), self._spec, self._names[row])
-                    self.distances[row] = found.distances
-            else:
-                self.distances[rows] = self._sensor.scan(floor, poses, Mount(), self._spec).distances
-
-    def wander(self) -> Floats:
-        """Commands (robots, 2): speed ahead [m/s] and turn [rad/s], along a bend, or on the spot near an obstacle."""
-        is_near = self.distances[:, self._front].min(axis=1) < self._near_m
+            self._distances[rows] = self._sensor.scan(floor, poses, Mount(), self._spec).distances
+        is_near = self._distances[:, self._front].min(axis=1) < self._near_m
         self._side[self._chance.random(len(is_near)) < 0.02] *= -1.0
         ahead, turn = np.where(is_near, 0.1, AHEAD_M_S), self._side * np.where(is_near, 1.5, 0.2)
-        return np.column_stack([ahead, turn])
+        return np.column_stack([ahead, turn]).tobytes()
 
     def _sort(self, floor: str) -> None:
         """Rebuild the rows after bodies came or went."""
@@ -109,8 +87,8 @@ class Wanderers:
 
 
 @contextlib.contextmanager
-def wanderers(building: Building, names: list[str], spec: ScanSpec, one_by_one: bool) -> Iterator[Wanderers]:
-    yield Wanderers(building, names, spec, one_by_one)
+def wanderers(building: Building, names: list[str], spec: ScanSpec) -> Iterator[Wanderers]:
+    yield Wanderers(building, names, spec)
 
 
 # ---- the simulation ----
@@ -126,34 +104,23 @@ RING = ScanSpec(PROXIMITY, RADIUS_M)
 
 
 class Case(NamedTuple):
-    """seconds: simulated time of a lap. one_by_one: one scan call for each robot, as by its own reference; else one for
-    each floor. least: required speed relative to real time; None: no requirement."""
+    """seconds: simulated time of a lap. least: required speed relative to real time; None: no requirement."""
 
     robots: int
     sensor: str
     spec: ScanSpec
     seconds: float
-    one_by_one: bool = False
     least: float | None = None
 
 
 CASES = (
     Case(100, "laser, 180 rays", LASER, 60.0, least=60.0),
-    Case(100, "laser, one by one", LASER, 60.0, one_by_one=True),
     Case(500, "8 proximity", RING, 20.0),
     Case(1000, "8 proximity", RING, 20.0, least=20.0),
     Case(2000, "8 proximity", RING, 10.0),
 )
 #: Crowds compared for growth, and the largest ratio of their times per robot.
 FEWEST, MOST, MAX_GROWTH = 500, 2000, 1.3
-
-
-class Lap(NamedTuple):
-    """factor: speed relative to real time. cores: busy cores of both processes."""
-
-    factor: float
-    cores: float
-    collisions: int
 
 
 class Crowd:
@@ -165,27 +132,20 @@ class Crowd:
         self.agent.configure(limit=case.robots)
         self.sessions = [self.agent.register(about) for about in robots(building, case.robots)]
         self._clients, self._versions = clients, dict.fromkeys(building.floors, WHOLE)
-        self._commands: bytes | None = None
         self._send(self._changes())
 
-    def lap(self, seconds: float) -> Lap:
-        """Simulate a time span [s], and measure it."""
-        collided, cpu_s, began = self.agent.collisions, time.process_time(), time.perf_counter()
-        periods = round(seconds / PERIOD_S)
+    def lap(self, seconds: float) -> float:
+        """Simulate a time span [s]; returns the speed relative to real time."""
+        began, periods = time.perf_counter(), round(seconds / PERIOD_S)
         for _ in range(periods):
             self._period()
-        took_s, cpu_s = time.perf_counter() - began, time.process_time() - cpu_s
-        self._clients.send("take")
-        self._commands = self._clients.receive()  # those of the last period come first
-        cpu_s += self._clients.receive()
-        return Lap(periods * PERIOD_S / took_s, cpu_s / took_s, self.agent.collisions - collided)
+        return periods * PERIOD_S / (time.perf_counter() - began)
 
     def _period(self) -> None:
         for _ in range(STEPS):
             self.agent.step()
         self._send(self._changes())  # before receiving, so that the sensors' process never idles
-        packed, self._commands = self._commands or self._clients.receive(), None
-        commands = np.frombuffer(packed).reshape(-1, 2).tolist()
+        commands = np.frombuffer(self._clients.receive()).reshape(-1, 2).tolist()
         for session, (ahead, turn) in zip(self.sessions, commands, strict=True):
             session.command(ahead, 0.0, turn, VALID_S)
 
@@ -206,27 +166,23 @@ def crowd(building: Building, case: Case) -> Iterator[Crowd]:
     with (
         tempfile.TemporaryDirectory() as folder,
         SimulationStore(Path(folder) / "simulation.sqlite") as store,
-        ObjectProcess(wanderers, building, names, case.spec, case.one_by_one) as clients,
+        ObjectProcess(wanderers, building, names, case.spec) as clients,
     ):
         found = Crowd(building, case, store, clients)
         found.lap(WARM_UP_S)
         yield found
 
 
-def row_of(case: Case, laps: list[Lap]) -> dict[str, Any]:
+def row_of(case: Case, factors: list[float]) -> dict[str, Any]:
     """Medians over the laps of a case."""
-    factors = [lap.factor for lap in laps]
     median = statistics.median(factors)
-    minutes = case.robots * len(laps) * case.seconds / 60
     return {
         "robots": case.robots,
         "sensor": case.sensor,
         "x real time": median,
         "worst": min(factors),
         "best": max(factors),
-        "cores": statistics.median(lap.cores for lap in laps),
         "us a robot and s": 1e6 / (median * case.robots),
-        "hits a robot and min": sum(lap.collisions for lap in laps) / minutes,
     }
 
 
@@ -245,7 +201,7 @@ def marks_of(rows: list[dict[str, Any]], cases: tuple[Case, ...] = CASES) -> lis
 def main(rounds: int = 5) -> bool:
     """Each crowd is in a process of its own, as in a simulation server: in one they would compete for its caches."""
     warm_up()  # compile missing kernels once, before several processes start
-    laps: list[list[Lap]] = [[] for _ in CASES]
+    laps: list[list[float]] = [[] for _ in CASES]
     with contextlib.ExitStack() as stack:
         remotes = [stack.enter_context(ObjectProcess(crowd, office(), case)) for case in progress(CASES, "logging on")]
         for _ in progress(range(rounds), "rounds"):

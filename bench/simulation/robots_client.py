@@ -3,35 +3,30 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import math
 import random
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
-from typing import Any, TypeVar
+from functools import partial
+from typing import Any
 
-from omniORB import CORBA
-
-from robocorba.clients.robot_processes import servers
 from robocorba.orb.orb import Orb
+from robocorba.robot.kinematics.smartpal import JOINTS
 from robocorba.simulation.corba import sessions
 from robocorba.simulation.registry import Description
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.scan import ScanSpec
 from robocorba.stubs import RoboCorba
-from robocorba.system.repeating import Repeating
 from robocorba.system.settings import Address
-from testkit.generated_buildings import saved_office
+from testkit.heartbeats import heartbeats
 from testkit.json_process import LoggedOff, ObjectProcess, checked_call
 from testkit.report import timed_ms
 
-T = TypeVar("T")
 START_LIMIT_S = 60.0
 #: Validity of a command [s].
 VALID_S = 0.5
-#: Interval between heartbeats of idle robots [s].
-HEARTBEAT_INTERVAL_S = 0.8
 #: Velocity ahead, left [m/s] and turn [rad/s] of a driving robot, and of one that turns away.
 ON, AWAY = (0.7, 0.0, 0.2), (0.0, 0.0, 1.2)
 #: Speed below which a robot is stuck [m/s].
@@ -43,23 +38,29 @@ NO_MOUNT = RoboCorba.Mount(0.0, 0.0, 0.0)
 
 
 class Robot:
-    """A logged-on robot that wanders."""
+    """A logged-on robot that wanders. senses: it also scans and moves its arms at each command."""
 
-    def __init__(self, session: Any, number: int) -> None:
+    def __init__(self, session: Any, number: int, senses: bool) -> None:
         self.session = session
         self._chance = random.Random(number)
         #: Commands left of its turn; negative: commands since its turn.
         self._turning = 0
+        self._sensor = session._get_sensor() if senses else None
+        self._laser, self._ticks = self._sensor.laser() if senses else None, itertools.count()
 
-    def next_command(self) -> tuple[float, float, float]:
-        """Velocity ahead, left [m/s] and turn [rad/s]."""
-        return AWAY if self._turning > 0 else ON
-
-    def look(self, speed: float) -> None:
-        """Record the speed after a command [m/s]; a stuck robot starts a turn."""
+    def drive(self) -> tuple[float, float]:
+        """Command it and read its state; the durations of both calls [ms]. A stuck robot starts a turn."""
+        velocity = RoboCorba.Velocity(*(AWAY if self._turning > 0 else ON))
+        _, command_ms = timed_ms(checked_call, self.session.command, velocity, VALID_S)
+        state, state_ms = timed_ms(checked_call, self.session.state)
         self._turning -= 1
-        if self._turning < -PATIENCE and speed < STUCK_M_S:
+        if self._turning < -PATIENCE and math.hypot(state.moving.ahead, state.moving.left) < STUCK_M_S:
             self._turning = self._chance.randint(5, 20)
+        if self._sensor:
+            with contextlib.suppress(RoboCorba.SensorBehind):  # on a busy machine
+                self._sensor.scan(state.at, NO_MOUNT, self._laser)
+            self.session.reportPosture([0.3 * math.sin(next(self._ticks) / 5 + joint) for joint in range(len(JOINTS))])
+        return command_ms, state_ms
 
 
 class Fleet:
@@ -68,69 +69,41 @@ class Fleet:
     def __init__(self, server: Any) -> None:
         self._server = server
         self._robots: list[Robot] = []
-        self._idle: list[Robot] = []
-        self._heartbeats = Repeating("beats", self._heartbeat, HEARTBEAT_INTERVAL_S).start()
+        self._is_driving = False
+        self.close = heartbeats(lambda: [robot.session for robot in self._robots if not self._is_driving]).close
 
-    def log_on(self, robots: Sequence[Description], count: int) -> dict[str, Any]:
-        """Log `count` of the robots on, one after the other; skip a robot whose place is taken by a pushed object."""
+    def log_on(self, robots: Sequence[Description], count: int, sensing: int = 0) -> dict[str, Any]:
+        """Log `count` of the robots on, one after the other, of which the first ones sense; skip a robot whose place is
+        taken by a pushed object."""
         took: list[float] = []
-        for about in robots:
-            if len(took) == count:
-                break
+        for about in itertools.takewhile(lambda _: len(took) < count, robots):
             with contextlib.suppress(RoboCorba.PlaceTaken):
                 session, ms = timed_ms(self._server.registerRobot, sessions.description(about))
                 took.append(ms)
-                self._robots.append(Robot(session, len(self._robots)))
-                self._idle.append(self._robots[-1])
+                self._robots.append(Robot(session, len(self._robots), len(self._robots) < sensing))
         return {"log on": took}
 
     def log_off(self) -> dict[str, Any]:
         """Log all robots off."""
-        took = []
-        with self._without_heartbeats():
-            for robot in self._robots:
-                with contextlib.suppress(LoggedOff):
-                    took.append(timed_ms(checked_call, robot.session.deregister)[1])
-            self._robots = []
-        return {"log off": took}
+        robots, self._robots = self._robots, []
+        for robot in robots:
+            with contextlib.suppress(LoggedOff):
+                checked_call(robot.session.deregister)
+        return {}
 
     def drive(self, begin: float, seconds: float, rate: float, threads: int) -> dict[str, Any]:
         """Command each robot and read its state `rate` times a second, evenly spread, from time `begin` on.
 
         late: delay of each command after its due time. lost: robots whose lease expired. cpu: CPU load of this process,
         as a share of a core."""
+        began, worked, self._is_driving = time.monotonic(), time.process_time(), True
         offset_s = 1 / rate / len(self._robots)
-        with self._without_heartbeats():
-            found, cpu = self._in_threads(
-                threads, lambda part, thread: drive(part, begin + thread * offset_s, seconds, rate)
-            )
-        return {**joined(found), "cpu": cpu}
-
-    def close(self) -> None:
-        self._heartbeats.close()
-
-    def _in_threads(self, threads: int, work: Callable[[list[Robot], int], T]) -> tuple[list[T], float]:
-        """The results of the threads with a part of the robots each, and the CPU load of this process."""
-        began, worked = time.monotonic(), time.process_time()
         with ThreadPoolExecutor(threads) as pool:
-            found = list(pool.map(lambda thread: work(self._robots[thread::threads], thread), range(threads)))
-        return found, (time.process_time() - worked) / (time.monotonic() - began)
-
-    def _heartbeat(self) -> None:
-        for robot in list(self._idle):
-            if not self._idle:
-                return
-            with contextlib.suppress(CORBA.OBJECT_NOT_EXIST):  # it is logging off
-                robot.session.heartbeat()
-
-    @contextlib.contextmanager
-    def _without_heartbeats(self) -> Iterator[None]:
-        """Suspend the heartbeats while the robots make calls."""
-        self._idle = []
-        try:
-            yield
-        finally:
-            self._idle = list(self._robots)
+            parts = [self._robots[thread::threads] for thread in range(threads)]
+            begins = [begin + thread * offset_s for thread in range(threads)]
+            found = list(pool.map(partial(drive, seconds=seconds, rate=rate), parts, begins))
+        self._is_driving = False
+        return {**joined(found), "cpu": (time.process_time() - worked) / (time.monotonic() - began)}
 
 
 def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) -> dict[str, Any]:
@@ -148,13 +121,11 @@ def drive(robots: Sequence[Robot], begin: float, seconds: float, rate: float) ->
         if robot in lost:
             continue
         try:
-            _, ms = timed_ms(checked_call, robot.session.command, RoboCorba.Velocity(*robot.next_command()), VALID_S)
-            state, ms_state = timed_ms(checked_call, robot.session.state)
+            took = robot.drive()
         except LoggedOff:
             lost.add(robot)
             continue
-        robot.look(math.hypot(state.moving.ahead, state.moving.left))
-        for times, value in zip(found.values(), (ms, ms_state, (began - due) * 1e3), strict=True):
+        for times, value in zip(found.values(), (*took, (began - due) * 1e3), strict=True):
             times.append(round(value, 4))
     return {**found, "due": due_in_all, "lost": len(lost)}
 
@@ -187,31 +158,17 @@ class Clients(contextlib.ExitStack):
         for each in self._fleets:
             self.enter_context(each)
 
-    def log_on(self, robots: Sequence[Description], count: int, at_once: bool = True) -> dict[str, Any]:
-        """Log on the first `count` robots whose place is free, spread over the processes.
-
-        at_once: the processes work simultaneously, else one after the other."""
-        processes = len(self._fleets)
-        shares = [
-            (list(robots[number::processes]), len(range(number, count, processes))) for number in range(processes)
-        ]
-        return self._ask("log_on", shares, at_once)
+    def log_on(self, robots: Sequence[Description], count: int, sensing: int = 0) -> list[float]:
+        """Log on the first `count` robots whose place is free, spread over the processes, one after the other; the
+        durations [ms]."""
+        found: list[float] = []
+        for number, each in enumerate(self._fleets):
+            share = len(range(number, count, len(self._fleets)))
+            found += each.call("log_on", list(robots[number :: len(self._fleets)]), share, sensing)["log on"]
+        return found
 
     def all(self, do: str, *arguments: Any) -> dict[str, Any]:
         """Execute a command in all processes simultaneously; answers with lists joined and numbers added."""
-        return self._ask(do, [arguments] * len(self._fleets))
-
-    def _ask(self, do: str, arguments: Sequence[tuple[Any, ...]], at_once: bool = True) -> dict[str, Any]:
-        pairs = list(zip(self._fleets, arguments, strict=True))
-        if not at_once:
-            return joined([each.call(do, *values) for each, values in pairs])
-        for each, values in pairs:
-            each.send(do, *values)
+        for each in self._fleets:
+            each.send(do, *arguments)
         return joined([each.receive() for each in self._fleets])
-
-
-@contextlib.contextmanager
-def office_system(folder: Path, *more: str) -> Iterator[tuple[Address, Orb, Any]]:
-    """`robocorba up` on the office with its state in folder/state: naming service, ORB, simulation server."""
-    with servers(folder / "state", "--building", str(saved_office(folder)), *more) as naming, Orb(naming) as orb:
-        yield naming, orb, orb.resolve("SimulationServer", RoboCorba.SimulationServer)

@@ -9,18 +9,16 @@ from __future__ import annotations
 
 import contextlib
 import random
-import threading
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import pairwise
 from statistics import median
-from typing import Any
 
 import CosNaming
 from omniORB import CORBA
 
-from bench.common.harness import folder_of_bench, progress, run
+from bench.common.harness import progress, run, sampled, system
 from robocorba.orb.naming import PROBE_TIMEOUT_S
 from robocorba.orb.orb import Orb
 from robocorba.system.corba.servers import Probe, probe_of
@@ -29,8 +27,8 @@ from robocorba.system.supervision.hangs import HangLimit
 from robocorba.system.supervision.system import NAMING_SERVICE
 from testkit.faults import kill
 from testkit.json_process import ObjectProcess
-from testkit.processes import Running, eventually, hang, running_system
-from testkit.report import Mark, at_most, distribution, summarize
+from testkit.processes import Running, eventually, hang
+from testkit.report import Mark, at_most, distribution, summarize, summary
 
 #: Objects of the servers that `robocorba up` starts by default.
 OBJECTS = {
@@ -56,7 +54,8 @@ class Caller:
     """Calls an object in a thread. Times are those of time.monotonic, which all processes of a machine share."""
 
     def __init__(self, orb: Orb) -> None:
-        self._orb, self._ended, self._answers = orb, threading.Event(), list[float]()
+        self._orb, self._calling = orb, contextlib.ExitStack()
+        self._answers: list[tuple[float, bool]] = []
 
     def begin(self, endpoint: str, name: str) -> None:
         """Call an object until `end`."""
@@ -64,22 +63,21 @@ class Caller:
         probe = naming if name == OBJECTS[NAMING_SERVICE] else probe_of(name)
         assert probe is not None
         reference = self._orb.reference(f"corbaloc:iiop:1.2@{endpoint}/{name}", probe.interface, CALL_TIMEOUT_S)
-        self._ended, self._answers = threading.Event(), []
-        threading.Thread(target=self._call, args=(probe, reference, self._ended, self._answers), daemon=True).start()
+
+        def answers() -> bool:
+            with contextlib.suppress(CORBA.SystemException):
+                probe.call(reference)
+                return True
+            return False
+
+        self._answers = self._calling.enter_context(sampled(answers, INTERVAL_S))
 
     def answered(self, since: float) -> list[float]:
         """The times of the answers since a time."""
-        return [at for at in list(self._answers) if at > since]
+        return [at for at, has_answered in list(self._answers) if has_answered and at > since]
 
     def end(self) -> None:
-        self._ended.set()
-
-    @staticmethod
-    def _call(probe: Probe, reference: Any, ended: threading.Event, answers: list[float]) -> None:
-        while not ended.wait(INTERVAL_S):
-            with contextlib.suppress(CORBA.SystemException):
-                probe.call(reference)
-                answers.append(time.monotonic())
+        self._calling.close()
 
 
 @contextlib.contextmanager
@@ -100,20 +98,13 @@ def away_s(running: Running, calls: ObjectProcess, server: str, hangs: bool) -> 
     until_answered(time.monotonic())
     began = time.monotonic()
     (hang if hangs else kill)(pid)
-    eventually(lambda: running.pid(server) not in (0, pid), LIMIT_S, f"{server} again")
+    eventually(lambda: running.is_again(server, pid), LIMIT_S, f"{server} again")
     until_answered(time.monotonic())
-    found = longest_pause_s(calls.call("answered", began - AROUND_S))
+    answers = calls.call("answered", began - AROUND_S)
     calls.call("end")
-    eventually(lambda: is_ready(running, server), LIMIT_S, f"{server} that runs")
-    return found
-
-
-def longest_pause_s(answers: Sequence[float]) -> float:
+    rows = running.record
+    eventually(lambda: (server, "running") in [(r.name, r.state) for r in rows().processes], LIMIT_S, f"{server} runs")
     return max(later - earlier for earlier, later in pairwise(answers))
-
-
-def is_ready(running: Running, server: str) -> bool:
-    return any(row.name == server and row.state == "running" for row in running.record().processes)
 
 
 def marks_of(found: dict[tuple[str, str], list[float]]) -> list[Mark]:
@@ -130,22 +121,14 @@ def marks_of(found: dict[tuple[str, str], list[float]]) -> list[Mark]:
 def main(rounds: int = 20, hangs: int = 1, only: str = "") -> bool:
     found: dict[tuple[str, str], list[float]] = defaultdict(list)
     chosen = [server for server in OBJECTS if only in server]
-    faults = [(server, False) for _ in range(rounds) for server in chosen]
-    faults += [(server, True) for _ in range(hangs) for server in chosen]
-    limit = ("--hang-limit", f"{HangLimit().limit_s:g}")
-    with folder_of_bench() as folder, running_system(folder, *limit) as (running, _), ObjectProcess(caller) as calls:
-        for server, is_stopped in progress(faults, "kill -9 and SIGSTOP"):
+    faults = [(server, "kill -9") for _ in range(rounds) for server in chosen]
+    faults += [(server, "SIGSTOP") for _ in range(hangs) for server in chosen]
+    with system("--hang-limit", f"{HangLimit().limit_s:g}") as place, ObjectProcess(caller) as calls:
+        for server, fault in progress(faults, "kill -9 and SIGSTOP"):
             time.sleep(random.uniform(0.0, MAX_PAUSE_S))
-            fault = "SIGSTOP" if is_stopped else "kill -9"
-            found[server, fault].append(away_s(running, calls, server, is_stopped))
+            found[server, fault].append(away_s(place.running, calls, server, fault == "SIGSTOP"))
     rows = [
-        {
-            "server": server,
-            "fault": fault,
-            "faults": len(values),
-            "away, median, s": median(values),
-            "most": max(values),
-        }
+        {"server": server, "fault": fault, "faults": len(values), **summary(values, "away, median, s", worst="most")}
         for (server, fault), values in found.items()
     ]
     samples = {", ".join(key): values for key, values in found.items()}

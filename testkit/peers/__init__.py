@@ -11,8 +11,7 @@ PEERS: dict[str, Peer] = {
     peer.name: peer
     for peer in (
         *(corba.PLAIN, corba.PLAIN_TO_BATCHES, corba.HEADER, corba.CLIENT, corba.ON_ONE_CORE),
-        *(corba.RELAY, corba.OMNIEVENTS),
-        *(brokers.REDIS, brokers.MQTT),
+        *(corba.OMNIEVENTS, brokers.REDIS, brokers.MQTT),
     )
 }
 

@@ -1,4 +1,4 @@
-"""CORBA event channels: ours by each of its interfaces, omniEvents, and a bare relay in Python.
+"""CORBA event channels: ours by each of its interfaces, and omniEvents.
 
 PLAIN is OMG's interface, with one `any` a call at both ends. HEADER pushes Event structs, and its consumer takes
 batches. CLIENT is robocorba.events.corba.event_client at both ends: what a Python program uses."""
@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import CosEventChannelAdmin
@@ -28,7 +27,6 @@ from robocorba.stubs import RoboCorba, RoboCorba__POA
 from robocorba.system.settings import Address
 from robocorba.system.supervision.launch import module_command
 from robocorba.system.supervision.system import find_omninames
-from testkit.json_process import checkout_command
 from testkit.peers.base import (
     PAYLOAD_BYTES,
     START_LIMIT_S,
@@ -39,9 +37,7 @@ from testkit.peers.base import (
     Supplier,
     free_ports,
     program,
-    server,
 )
-from testkit.peers.forwarder import orb_without_names
 from testkit.processes import eventually
 
 CHANNEL, TYPE, SOURCE = "bench", "bench.event", "A"
@@ -213,7 +209,7 @@ def start_omnievents(start: Start, folder: Path) -> Broker:
 
 @contextlib.contextmanager
 def omnievents_channel(address: str) -> Iterator[tuple[Orb, Any]]:
-    with orb_without_names() as orb:
+    with Orb(Address("127.0.0.1", 1)) as orb:  # without a naming service: port 1 is unused
         yield orb, orb.reference(address, CosEventChannelAdmin.EventChannel)
 
 
@@ -223,30 +219,4 @@ OMNIEVENTS = Peer(
     partial(plain_supplier, omnievents_channel),
     partial(consumers, omnievents_channel, consume_plain),
     programs=["omniEvents", "eventc"],
-)
-
-
-# ---- the relay ----
-
-
-@contextlib.contextmanager
-def relay_ends(address: str) -> Iterator[tuple[Orb, Any]]:
-    """The proxies of the relay as a channel object."""
-    with orb_without_names() as orb:
-
-        def proxy(name: str, interface: Any) -> Any:
-            return orb.reference(f"corbaloc::{address}/{name}", interface)
-
-        ends = SimpleNamespace(
-            obtain_push_consumer=lambda: proxy("entrance", CosEventChannelAdmin.ProxyPushConsumer),
-            obtain_push_supplier=lambda: proxy("exit", CosEventChannelAdmin.ProxyPushSupplier),
-        )
-        yield orb, SimpleNamespace(for_suppliers=lambda: ends, for_consumers=lambda: ends)
-
-
-RELAY = Peer(
-    "a bare Python relay",
-    server(*checkout_command("testkit.peers.forwarder", "{0}")),
-    partial(plain_supplier, relay_ends),
-    partial(consumers, relay_ends, consume_plain),
 )

@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from bench.events.channel.stage import Stage, collect, send, trio
+from bench.events.channel.processes import Stage
 from bench.events.network.experiment import DELAYS, FEDERATED, SET_UPS, Case, Plan, conduct, split_cores
 from bench.events.network.mission import SCANS
 from bench.events.network.networks import ADDRESS_OF, Link, Network
@@ -34,32 +34,23 @@ def _nothing_is_left() -> Iterator[None]:
     eventually(lambda: set(psutil.Process().children(recursive=True)) <= before, what="all processes ended")
 
 
-@pytest.fixture
-def stage() -> Iterator[Stage]:
-    with Stage() as stage:
-        yield stage
-    assert not stage.folder.exists()
-
-
 @pytest.mark.parametrize("name", sorted(set(PEERS) - {HEADER.name}))
-def test_paced_and_flooded_events_arrive(stage: Stage, name: str) -> None:
+def test_paced_and_flooded_events_arrive(name: str) -> None:
     if name not in installed():
         pytest.skip(f"{PEERS[name].missing()} is not installed")
-    supplier, consumer = trio(stage, name)
-    sent = send(supplier, "pace", 60.0, first=0, count=COUNT, rate=1000.0)
-    assert (sent["sent"], sent["failed"]) == ([COUNT], 0)
-    (got,) = collect(consumer, [range(COUNT)], 60.0, latencies_from=100)
-    assert _faultless(got, COUNT)
-    if name not in OURS:
-        return
-    assert len(got["latencies"]) == COUNT - 100 and min(got["latencies"]) > 0
-    answer = send(supplier, "flood", 90.0, first=1000, seconds=60.0, most=COUNT, threads=2)
-    assert (answer["sent"], answer["failed"]) == ([COUNT // 2] * 2, 0)
-    (got,) = collect(consumer, [range(1000, 1000 + COUNT // 2)] * 2, 60.0)
-    assert _faultless(got, COUNT) and answer["began"] < got["first"] <= got["last"]
-    if name == CLIENT.name:
-        assert send(supplier, "runs", 90.0, first=10_000, seconds=60.0, most=10_000, size=100)["sent"] == [10_000]
-        assert _faultless(collect(consumer, [range(10_000, 20_000)], 60.0)[0], 10_000)
+    with Stage(name) as stage:
+        sent, (got,) = stage.send("pace", 60.0, 100, first=0, count=COUNT, rate=1000.0)
+        assert (sent["sent"], sent["failed"]) == ([[0, COUNT]], 0)
+        assert _faultless(got, COUNT)
+        assert len(got["latencies"]) == COUNT - 100 and min(got["latencies"]) > 0
+        if name in OURS:
+            sent, (got,) = stage.send("flood", 90.0, first=1000, seconds=60.0, most=COUNT, threads=2)
+            assert (sent["sent"], sent["failed"]) == ([[1000, 1000 + COUNT // 2], [1000 + COUNT // 2, 1000 + COUNT]], 0)
+            assert _faultless(got, COUNT) and sent["began"] < got["last"]
+        if name == CLIENT.name:
+            sent, (got,) = stage.send("flood", 90.0, first=10_000, seconds=60.0, most=10_000, size=100)
+            assert sent["sent"] == [[10_000, 20_000]] and _faultless(got, 10_000)
+    assert not stage.folder.exists()
 
 
 def _faultless(got: dict[str, int], count: int) -> bool:

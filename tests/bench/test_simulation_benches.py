@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 
+from bench.common.harness import system
 from bench.simulation import headless as bench_headless
 from bench.simulation import robots as bench_robots
 from bench.simulation.headless import MOST
 from bench.simulation.robots import Load
 from bench.simulation.robots_client import Clients
-from robocorba.clients.robot_processes import servers
 from robocorba.map_editor import native
 from robocorba.map_editor.movable import movables
-from robocorba.orb.orb import Orb
-from robocorba.stubs import RoboCorba
 from testkit.generated_buildings import RADIUS_M, office, robots
-from testkit.json_process import pids_of
 
 pytestmark = pytest.mark.full
 
@@ -56,30 +49,15 @@ def test_growth_is_judged_by_the_time_a_robot() -> None:
         assert growth.is_reached is is_linear
 
 
-@pytest.fixture(scope="module")
-def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Any, Clients, Path]]:
-    """Its server, two processes of clients, and its state folder."""
-    folder = tmp_path_factory.mktemp("bench")
-    native.save(office(), folder / "office.yaml")
-    more = ("--building", str(folder / "office.yaml"), "--sensors", "2", "--start-limit", "300")
-    with servers(folder / "state", *more) as naming, Orb(naming) as orb, Clients(naming, 2) as clients:
-        administrator = (folder / "state" / "administrator.ior").read_text()
-        orb.reference(administrator, RoboCorba.SimulationAdministrator).setLimit(6)
-        yield orb.resolve("SimulationServer", RoboCorba.SimulationServer), clients, folder / "state"
-
-
 @pytest.mark.system
-def test_a_small_run_of_robots(system: tuple[Any, Clients, Path], monkeypatch: pytest.MonkeyPatch) -> None:
-    server, clients, state = system
+def test_a_small_run_of_robots(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bench_robots, "WARM_UP_S", 0.5)
-    (pid,) = pids_of(state, "simulation")
-    people = robots(office(), 12)
-    assert len(bench_robots.null_calls(server, people[0])) == bench_robots.NULL_CALLS
-    assert len(clients.log_on(people, 6, at_once=False)["log on"]) == 6
-    found = bench_robots.drive(server, clients, 2, 3.5, pid)
-    clients.all("log_off")
-    assert (found["due"], found["lost"]) == (6 * 35, 0)
-    assert 0 < len(found["command"]) <= 210
-    row = bench_robots.row_of("1", Load(2, 2), found, 6, 3.5)
-    assert row["pace"] > 0 and row["server cores"] > 0 < row["client cores"]
-    assert server._get_state().robots == 0
+    with system(building=office()) as place, Clients(place.orb.naming, 2) as clients:
+        assert len(clients.log_on(robots(office(), 12), 6)) == 6
+        found = bench_robots.drive(place.resolve("SimulationServer"), clients, 2, 3.5, place.running.pid("simulation"))
+        clients.all("log_off")
+        assert (found["due"], found["lost"]) == (6 * 35, 0)
+        assert 0 < len(found["command"]) <= 210
+        row = bench_robots.row_of("1", Load(2, 2), found)
+        assert row["pace"] > 0 and row["server cores"] > 0 < row["client cores"]
+        assert place.resolve("SimulationServer")._get_state().robots == 0

@@ -21,9 +21,7 @@ import numpy as np
 from bench.events.network import mission
 from bench.events.network.load import Core
 from bench.events.network.networks import ADDRESS_OF, SUBNET_OF, Link, Network
-from bench.events.network.robot import GRID, LEADERS, OWN_EVENTS, POLLING, PUSHED
-from robocorba.system.supervision.launch import module_command
-from robocorba.system.supervision.system import find_omninames
+from bench.events.network.robot import LEADERS, POLLING, PUSHED
 from testkit.json_process import Process, checkout_command
 
 #: The set-ups: the federation, and a central channel by its host.
@@ -68,10 +66,10 @@ PAPER_LOAD = 0.6
 
 def plan_of(network: str, leader: str, quick: bool) -> Plan:
     """The plan of the bench: with the leader PUSHED the paper's figure on its network, "paper", or with "delays"; with
-    another one of LEADERS, or "all", the falling curve."""
+    POLLING, or "all", the falling curve."""
     runs = 3 if quick else 10
     if leader != PUSHED:
-        runs = min(runs, 8)  # the slower leaders also make runs longer
+        runs = min(runs, 8)  # a slower leader also makes runs longer
         loads = (0.3, 0.6, 0.9) if quick else (0.2, 0.4, 0.6, 0.8, 0.9)
         leaders = LEADERS if leader == "all" else (leader,)
         links = (PAPER,) if network == "paper" else DELAYS[:1]
@@ -187,22 +185,11 @@ def experiment(network: Network, leaders_core: int, leader: str = PUSHED) -> Ite
     """Start all processes: the leader on its own core, the others on the network's cores. Raises ProcessFailed."""
     naming = _address("servers", "naming")
     with contextlib.ExitStack() as stack:
-        folder = network.folder / leader
-        folder.mkdir()
 
         def channel(host: str, of: str, *more: str) -> None:
-            name = f"{of}-{host}"
-            program = ("bench.events.network.timers",) if leader == GRID else ()
-            common = ("--state", str(folder / name), "--endpoint", _address(host, of), "--naming", naming)
-            command = (*program, "robocorba.servers.event_channel", *common, "--name", name, *more)
-            run = checkout_command if program else module_command
-            stack.enter_context(network.start(host, f"{leader}/{name}", *run(*command)))
+            process = network.start_channel(host, f"{of}-{host}", _address(host, of), naming, *more)
+            stack.enter_context(process)
 
-        data = folder / "naming"
-        data.mkdir()
-        own = ("-start", naming.rsplit(":", 1)[1], "-always", "-nohostname", "-datadir", str(data))
-        command = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{naming}")
-        stack.enter_context(network.start("servers", f"{leader}/omniNames", *command))
         for place in PLACES:
             channel(place, "central")
         channel("I", "room", "--peer", "room-II")
@@ -217,13 +204,12 @@ def experiment(network: Network, leaders_core: int, leader: str = PUSHED) -> Ite
             }
             program = checkout_command("bench.events.network.robot", json.dumps(settings))
             on = (leaders_core,) if name == mission.LEADER else ()
-            robots[name] = stack.enter_context(network.start(name, f"{leader}/robot-{name}", *program, cores=on))
+            robots[name] = stack.enter_context(network.start(name, f"robot-{name}", *program, cores=on))
         working = checkout_command("bench.events.network.load", str(leaders_core))
-        load = stack.enter_context(Process(working, folder / "load.log", (leaders_core,)))
+        load = stack.enter_context(Process(working, network.folder / "load.log", (leaders_core,)))
         for process in (*robots.values(), load):
             process.receive(START_LIMIT_S)
-        loads_itself = leader in (POLLING, OWN_EVENTS)
-        yield Experiment(network, robots, robots[mission.LEADER] if loads_itself else load, leaders_core)
+        yield Experiment(network, robots, robots[mission.LEADER] if leader == POLLING else load, leaders_core)
 
 
 def _address(host: str, of: str) -> str:
@@ -240,6 +226,7 @@ def split_cores() -> tuple[int, list[int]]:
 def conduct(network: Network, leaders_core: int, plan: Plan, seed: int = 7) -> Iterator[Outcome]:
     """All runs of a plan, with cases and set-ups in random order."""
     chance = random.Random(seed)
+    network.start_naming("servers", _address("servers", "naming"))
     for leader in sorted({case.leader for case in plan.cases}):
         cases = [case for case in plan.cases if case.leader == leader]
         with experiment(network, leaders_core, leader) as running:

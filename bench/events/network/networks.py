@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from robocorba.system.supervision.launch import module_command
+from robocorba.system.supervision.system import find_omninames
 from testkit.json_process import Process
 from testkit.namespaces import Namespace, start_router
 
@@ -53,11 +54,6 @@ class Network:
             self._router = stack.enter_context(start_router(devices, folder, cores))
             self._stack = stack.pop_all()
 
-    @property
-    def router_has_priority(self) -> bool:
-        """Whether the router has real-time priority."""
-        return os.sched_getscheduler(self._router.pid) == os.SCHED_FIFO
-
     def __enter__(self) -> Network:
         return self
 
@@ -67,6 +63,19 @@ class Network:
     def start(self, host: str, name: str, *command: str, cores: Sequence[int] = ()) -> Process:
         """Run a command on a host."""
         return Process(self.hosts[host].command(*command), self.folder / f"{name}.log", cores or self._cores)
+
+    def start_naming(self, host: str, address: str) -> None:
+        """A naming service on a host, until the end of the `with`."""
+        data = self.folder / address
+        data.mkdir()
+        own = ("-start", address.rpartition(":")[2], "-always", "-nohostname", "-datadir", str(data))
+        command = (find_omninames(), *own, "-ORBendPoint", f"giop:tcp:{address}")
+        self._stack.enter_context(self.start(host, f"names-{address}", *command))
+
+    def start_channel(self, host: str, name: str, address: str, naming: str, *more: str) -> Process:
+        """An event channel on a host."""
+        where = ("--state", str(self.folder / name), "--endpoint", address, "--naming", naming, "--name", name)
+        return self.start(host, name, *module_command("robocorba.servers.event_channel", *where, *more))
 
     def change(self, link: Link, **more: Any) -> None:
         """Change what connects the hosts. more: further commands of testkit/router.py."""
