@@ -248,22 +248,6 @@ def test_a_report_is_of_the_listed_document(
 # ---- mission control ----
 
 
-def test_a_mission_is_started_and_listed_at_once(missions: MissionDirectory) -> None:
-    class Quick(Robots):
-        """It stores a record before it answers."""
-
-        def start(self, leader: str, mission: str, icon: str, term: int) -> None:
-            put(missions, mission, RUNNING, missions.stored(mission).version)
-
-    robots = Robots(A="")
-    name = MissionControl(missions, robots).start("A", ICON)
-    content = missions.mission(name).content
-    assert robots.lead == {"A": name}
-    assert (content.kind, content.about, content.leader) == ("move_table", "desk", "A")
-    assert content.is_running
-    assert missions.mission(MissionControl(missions, Quick()).start("A", ICON)).content == RUNNING
-
-
 def test_a_refusal_leaves_no_record_and_robots_that_hang_do_not_occupy_the_server(missions: MissionDirectory) -> None:
     class Hanging(Robots):
         def start(self, leader: str, mission: str, icon: str, term: int) -> None:
@@ -372,23 +356,6 @@ def test_a_mission_whose_leader_is_gone_is_given_to_another_robot(missions: Miss
     clock.now = 10 * GONE_LIMIT_S
     watch.check()
     assert missions.mission("one").content.is_running
-
-
-def test_a_mission_ends_once_nobody_can_lead_it_for_long(missions: MissionDirectory) -> None:
-    clock, robots = Clock(0.0), Robots("B", A="one", B="")
-    watch = LeaderWatch(missions, robots, lambda robot: False, clock, lambda about: ["A", "B"])
-    put(missions, "one", msgspec.structs.replace(RUNNING, icon={"icon": "move_table"}))
-    for clock.now in range(0, 100, 5):
-        robots.lead = {"B": ""} if clock.now % 10 else {"A": "one", "B": ""}
-        watch.check()
-    assert missions.mission("one").content.leader == "A", "it answers again each time"
-    robots.lead, since = {"B": ""}, clock.now
-    while clock.now - since < GONE_LIMIT_S:
-        assert missions.mission("one").content.is_running
-        watch.check()
-        clock.now += 5.0
-    watch.check()
-    assert missions.mission("one").content.result is MissionResult.FAILED
 
 
 def test_each_leader_is_asked_once_a_check_until_the_watch_is_closed(missions: MissionDirectory) -> None:

@@ -217,12 +217,6 @@ def test_colours_at_places(
     assert [shown.at(*place) for place in places if not shown.is_about(*place, colour)] == []
 
 
-def test_another_floor_has_its_own_objects() -> None:
-    other = Shown(view_of(floor="L2"))
-    assert other.count(ROBOT) == 0
-    assert other.is_about(8.0, 5.0, GROUND) and other.is_about(3.2, 3.2, FIXED), "only the one on L1 can be moved"
-
-
 @pytest.mark.parametrize("width", [200, 801, 1200])
 def test_a_picture_of_any_width_has_the_pixels_of_the_drawn_floor(width: int) -> None:
     shown = Shown(view_of(E1=standing("L1")), width=width)
@@ -250,27 +244,11 @@ def test_robots_have_a_size_and_arrows_where_they_can_be_seen() -> None:
     assert rim.all(axis=1).any(), "a rim between them"
 
 
-def test_names_of_objects_and_of_elevators_that_do_not_stop_have_a_halo() -> None:
-    named = Shown(view_of(cart(10.0, 5.0, outline=tuple((2 * x, 4 * y) for x, y in SQUARE))))
-    column, row = to_pixel(scene(), "L1", (10.0, 5.0), WIDTH)
-    name = named.rgb[row - 8 : row + 9, column - 20 : column + 21]
-    assert (name == ImageColor.getrgb(GROUND)).all(axis=2).any()
-    (left, low), (right, top) = (to_pixel(scene(), "L1", corner, WIDTH) for corner in ((16.2, 8.2), (17.8, 9.8)))
-    assert named.rgb[top:low, left:right].min(axis=2).max() > 240
-
-
 def letters(x: float, y: float, name: str) -> tuple[np.ndarray, np.ndarray]:
     """Pixels that a robot's name changes, and those of its letters."""
     named, bare = (Shown(view_of(robot(x, y, name=text))) for text in (name, ""))
     changed = (named.rgb != bare.rgb).any(axis=2)
     return changed, changed & (named.rgb == ImageColor.getrgb(INK)).all(axis=2)
-
-
-def test_names_are_below_robots() -> None:
-    rows, columns = np.nonzero(letters(8.0, 5.0, "HHHH")[0])
-    column, row = to_pixel(scene(), "L1", (8.0, 5.0), WIDTH)
-    assert abs((columns.min() + columns.max()) / 2 - column) <= 2
-    assert row + 12 < rows.min() < rows.max() < row + 45
 
 
 @pytest.mark.parametrize("place", [(-0.2, 5.0), (20.2, 5.0), (10.0, -0.3), (10.0, -1.1), (10.0, 12.9)])
