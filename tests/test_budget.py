@@ -24,7 +24,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 52_974, "testkit": 7_146, "bench": 9_894, "robocorba/console/static": 11_865}
+LINES_AT_MOST = {"tests": 53_073, "testkit": 7_146, "bench": 9_894, "robocorba/console/static": 11_865}
 WORDS_AT_MOST = {"docs": 31_999, "README.md": 930, "CHANGELOG.md": 2_150}
 
 

@@ -20,6 +20,23 @@ def advertisement(name: str, version: int, *peers: str, interest: tuple[Pattern,
     return Advertisement(name, version, peers, interest)
 
 
+def test_a_link_that_is_down_is_used_only_where_there_is_no_other_way() -> None:
+    """In a ring: lab - hall - yard - attic - lab."""
+    lab = Federation("lab")
+    lab.advertise(["attic", "hall"], ())
+    neighbours = {"hall": ("lab", "yard"), "yard": ("attic", "hall"), "attic": ("lab", "yard")}
+    lab.learn([advertisement(name, 1, *peers) for name, peers in neighbours.items()])
+    lab.learn([advertisement("attic", 2, "lab", "yard")._replace(down=("yard",))])
+    assert lab.ways("t", "s", "lab") == {"attic": ["attic"], "hall": ["hall", "yard"]}
+    assert lab.advertise(["attic", "hall"], (), down=["hall"])
+    # Each of both ways to the yard has a link that is down.
+    assert lab.ways("t", "s", "lab") == {"attic": ["attic", "yard"], "hall": ["hall"]}
+    lab.learn([advertisement("attic", 3, "lab", "yard")])
+    assert lab.ways("t", "s", "lab") == {"attic": ["attic", "yard", "hall"]}
+    assert lab.advertise(["attic", "hall"], ())
+    assert lab.ways("t", "s", "lab") == {"attic": ["attic", "yard"], "hall": ["hall"]}
+
+
 def test_a_link_needs_both_ends_and_an_unreachable_channel_is_ignored_until_it_is_reachable_again() -> None:
     lab = Federation("lab")
     lab.advertise(["hall"], ())  # which has not advertised yet

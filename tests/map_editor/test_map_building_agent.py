@@ -247,6 +247,15 @@ def test_a_transaction_does_not_overwrite_others(editor: BuildingEditor, mine: A
         change.commit()
 
 
+def test_a_floor_made_and_dropped_in_a_transaction_leaves_that_of_others_alone(editor: BuildingEditor) -> None:
+    floor, change = Floor(name="B", level=0, elevation=-4.0), editor.begin()
+    change.create("", floor)
+    change.remove(FLOOR, "", "B", 0)
+    editor.create("", floor)
+    assert change.commit() == 2
+    assert "B" in editor.building.floors
+
+
 def test_transactions_are_bounded_and_time_out(store: MapStore) -> None:
     clock = Clock(0.0)
     editor = BuildingEditor(store, MapLimits(transactions=2, transaction_timeout_s=10.0), clock)

@@ -18,7 +18,7 @@ from robocorba.map_editor.map_building_agent import BuildingEditor
 from robocorba.map_editor.model import BoxShape, Building, ElementKind, Floor, MapObject
 from robocorba.map_editor.proposals import DEFAULT_POLICY, Proposals
 from robocorba.map_editor.renaming import rename_changes
-from robocorba.map_editor.sightings import SeenObstacle, seen_of
+from robocorba.map_editor.sightings import SeenObstacle, same_things, seen_of
 from robocorba.map_editor.spatial.pose import XY
 from robocorba.map_editor.validation import problems
 from testkit.buildings import two_floors
@@ -93,6 +93,13 @@ def test_who_walks_by_and_what_the_map_has_is_not_proposed(place: Place) -> None
     assert place.proposals.open() == []
     place.watch(seen(8.0, 6.0, certainty=0.2))
     assert place.proposals.open() == []
+
+
+def test_things_near_each_other_are_not_mixed_up() -> None:
+    ones = [seen(5.0, 3.0), seen(5.0, 3.7), seen(9.0, 3.0)]
+    others = [seen(5.02, 3.72), seen(9.0, 3.0, floor="L2"), seen(5.02, 2.98)]
+    found = {(round(a.x, 1), round(a.y, 1)): (b.x, b.y) for a, b in same_things(ones, others)}
+    assert found == {(5.0, 3.0): (5.02, 2.98), (5.0, 3.7): (5.02, 3.72)}
 
 
 def test_a_payload_that_is_not_valid_says_nothing() -> None:

@@ -211,6 +211,15 @@ def elevator(width: float = 1.1, size: tuple[float, float] = (2.0, 2.2), offset:
     return Elevator(name="E1", at=(6.0, 6.9), size=size, doors=doors)
 
 
+def test_a_cabin_is_entered_straight_from_a_node_in_front() -> None:
+    roads = topological_map(one_floor(elevators=[elevator()]), "L1")
+    cabin = roads.nodes["cabin-E1"]
+    assert (cabin.elevator, cabin.at) == ("E1", (6.0, 6.9))
+    (front,) = graph_of(roads)["cabin-E1"]
+    assert roads.nodes[front].at == pytest.approx((6.0, 4.8), abs=0.02)
+    assert nx.is_connected(graph_of(roads))
+
+
 def test_cabins_that_a_robot_does_not_fit_into() -> None:
     behind_narrow_door = topological_map(one_floor(elevators=[elevator(width=0.7)]), "L1")
     assert not graph_of(behind_narrow_door)["cabin-E1"]

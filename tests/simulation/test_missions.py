@@ -248,6 +248,22 @@ def test_a_report_is_of_the_listed_document(
 # ---- mission control ----
 
 
+def test_a_mission_is_started_and_listed_at_once(missions: MissionDirectory) -> None:
+    class Quick(Robots):
+        """It stores a record before it answers."""
+
+        def start(self, leader: str, mission: str, icon: str, term: int) -> None:
+            put(missions, mission, RUNNING, missions.stored(mission).version)
+
+    robots = Robots(A="")
+    name = MissionControl(missions, robots).start("A", ICON)
+    content = missions.mission(name).content
+    assert robots.lead == {"A": name}
+    assert (content.kind, content.about, content.leader) == ("move_table", "desk", "A")
+    assert content.is_running
+    assert missions.mission(MissionControl(missions, Quick()).start("A", ICON)).content == RUNNING
+
+
 def test_a_refusal_leaves_no_record_and_robots_that_hang_do_not_occupy_the_server(missions: MissionDirectory) -> None:
     class Hanging(Robots):
         def start(self, leader: str, mission: str, icon: str, term: int) -> None:

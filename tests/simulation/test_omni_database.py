@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import UpdateMismatch
-from robocorba.map_editor.model import ElementKind
+from robocorba.map_editor.model import BoxShape, ElementKind, MapObject
 from robocorba.map_editor.spatial.elevator_state import Doors
 from robocorba.map_editor.spatial.floor_update import WHOLE, BodyKind, FloorView
 from robocorba.simulation.building import SimulatedBuilding
@@ -63,6 +63,19 @@ def test_updates_hold_the_whole_floor_then_changes() -> None:
         database.floor("L1")
     world.update(tower())
     assert database.changes("L1", first.version).since == WHOLE, "another floor of the same name comes whole"
+
+
+def test_a_renamed_object_is_the_same_body() -> None:
+    world = SimulatedBuilding(tower())
+    database, view = OmniDatabase(world), FloorView("L1")
+    view.apply(database.floor("L1"))
+    number = world.occupants.objects["T1"].number
+    world.update(world.building.with_element("L2", MapObject("T1", BoxShape((0.4, 0.4)), (2.0, 8.0), movable=True)))
+    update = database.changes("L1", view.version)
+    assert [(body.number, body.name) for body in update.came] == [(number, "L1/T1")]
+    assert update.went == []
+    view.apply(update)
+    assert same(view, world)
 
 
 def test_updates_hold_changed_elevators() -> None:

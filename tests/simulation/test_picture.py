@@ -251,6 +251,13 @@ def letters(x: float, y: float, name: str) -> tuple[np.ndarray, np.ndarray]:
     return changed, changed & (named.rgb == ImageColor.getrgb(INK)).all(axis=2)
 
 
+def test_names_are_below_robots() -> None:
+    rows, columns = np.nonzero(letters(8.0, 5.0, "HHHH")[0])
+    column, row = to_pixel(scene(), "L1", (8.0, 5.0), WIDTH)
+    assert abs((columns.min() + columns.max()) / 2 - column) <= 2
+    assert row + 12 < rows.min() < rows.max() < row + 45
+
+
 @pytest.mark.parametrize("place", [(-0.2, 5.0), (20.2, 5.0), (10.0, -0.3), (10.0, -1.1), (10.0, 12.9)])
 def test_names_stay_in_the_picture(place: XY) -> None:
     name = "robot-with-a-name"

@@ -451,3 +451,24 @@ def test_a_line_jog_moves_the_control_point_straight(side: Side) -> None:
 
 
 # ---- lumbar and grippers ----
+
+
+@pytest.mark.parametrize(
+    ("order", "ends"),
+    [
+        (lambda robot: robot.lumbar.move([-5.0, 20.0], 30.0, 60.0), (-5.0, 20.0)),
+        (lambda robot: robot.lumbar.move([-3.0, None], 30.0, 60.0), (-3.0, 0.0)),
+        (lambda robot: robot.lumbar.move([None, 15.0], 30.0, 60.0), (0.0, 15.0)),
+        (lambda robot: robot.lumbar.move_cooperative(20.5, 30.0, 60.0), (0.5, 20.0)),
+        (lambda robot: robot.lumbar.move_cooperative(-4.0, 30.0, 60.0), (-4.0, 0.0)),
+        (lambda robot: robot.grippers[Side.RIGHT].move([-58.0], 120.0, 480.0), (-58.0,)),
+    ],
+)
+def test_axes_go_where_they_shall(order: Callable[[SmartPal], ReturnCode], ends: tuple[float, ...]) -> None:
+    robot = ready()
+    unit: Any = robot.lumbar if len(ends) == 2 else robot.grippers[Side.RIGHT]
+    assert order(robot) is OK
+    assert unit.state is AxesState.BUSY
+    settle(robot)
+    assert unit.feedback == pytest.approx(ends, abs=0.1)
+    assert unit.command == pytest.approx(ends, abs=1e-9)
