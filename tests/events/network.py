@@ -112,16 +112,6 @@ class Consumer:
     def change(self, *types: str) -> None:
         with self.node.channel.lock:
             self.proxy.select(wanting(*types))
-        self._update_interest()
-
-    def leave(self) -> None:
-        with self.node.channel.lock:
-            del self.node.channel.proxy_suppliers[self.proxy.id]
-            self.proxy.end()
-        self._update_interest()
-
-    def _update_interest(self) -> None:
-        with self.node.channel.lock:
             changed = self.node.channel.update_routes()
         if changed:
             self.node.links.send_advertisements()
@@ -229,12 +219,10 @@ class Network:
         node = self.nodes[name] = Node(self, name, Path(self._folder.name))
         return node
 
-    def restart(self, name: str, *types: str) -> Node:
-        """As after a kill: what a node kept on disk is all that it has, a consumer of these types included."""
+    def restart(self, name: str) -> Node:
+        """As after a kill: what a node kept on disk is all that it has."""
         self.nodes.pop(name).close()
         node = self.start(name)
-        if types:
-            node.consume(*types)
         node.links.restore()
         return node
 

@@ -17,14 +17,7 @@ from robocorba.events.federation import Advertisement
 from robocorba.events.feed import Feed
 from robocorba.events.policies import ChannelPolicy, LinkPolicy
 from robocorba.events.proxy_supplier import ProxyPullSupplier
-from robocorba.events.subscription import Pattern
-from tests.events.samples import NOW, arrive, events, open_channel, pull_supplier_of, pulled, supplied, wanting
-
-
-def supply(channel: Channel, *types: str) -> None:
-    """Events with their types as payloads."""
-    for type in types:
-        channel.publish(supplied(type, type.encode()), Account())
+from tests.events.samples import NOW, arrive, events, open_channel, pull_supplier_of, pulled, supplied
 
 
 def payloads(proxy: ProxyPullSupplier) -> list[object]:
@@ -55,22 +48,6 @@ def test_events_get_numbers_origin_and_time(tmp_path: Path) -> None:
         channel.is_destroyed = True
         with pytest.raises(ProxyGone):
             channel.publish(supplied("t", b"a"), Account())
-
-
-def test_each_consumer_gets_the_events_of_its_current_subscription(channel: Channel) -> None:
-    assert channel.interest() == ()
-    first, second = pull_supplier_of(channel, wanting("a*")), pull_supplier_of(channel, wanting("b", "a1"))
-    assert channel.interest() == (Pattern("a*"), Pattern("b"))
-    supply(channel, "a1", "a2", "b", "c")
-    assert (payloads(first), payloads(second)) == ([b"a1", b"a2"], [b"a1", b"b"])
-    with channel.lock:
-        first.select(wanting("c"))
-        second.end()
-        channel.update_routes(second)
-        channel.update_routes(first)
-    assert channel.interest() == (Pattern("c"),)
-    supply(channel, "a1", "c")
-    assert payloads(first) == [b"c"]
 
 
 def test_events_that_arrive_expired_are_counted_and_get_no_number(channel: Channel) -> None:
@@ -112,21 +89,6 @@ def got(channel: Channel) -> list[object]:
     (proxy,) = channel.proxy_suppliers.values()
     assert isinstance(proxy, ProxyPullSupplier)
     return payloads(proxy)
-
-
-def test_what_waits_is_counted_as_queued_and_a_copy_holds_up_nothing(hall: Channel) -> None:
-    late = arrive(hall, events(5, 2), before=3)
-    assert late == Account(2, queued=2)
-    assert got(hall) == []
-    soon = arrive(hall, events(2, 2), before=0)
-    assert got(hall) == [2, 3, 5, 6]
-    assert late == soon == Account(2, 2)
-    arrive(hall, events(9), before=8)
-    hall.release_overdue(is_over=True)  # without the missing one
-    again = arrive(hall, events(9), before=8)
-    arrive(hall, events(10), before=9)
-    assert got(hall) == [9, 10]
-    assert again == Account(repeated=1)
 
 
 def test_nobody_waits_longer_than_the_limit(hall: Channel, monkeypatch: pytest.MonkeyPatch) -> None:

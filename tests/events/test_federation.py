@@ -20,23 +20,6 @@ def advertisement(name: str, version: int, *peers: str, interest: tuple[Pattern,
     return Advertisement(name, version, peers, interest)
 
 
-def test_only_a_higher_version_is_news_and_a_change_or_a_restart_makes_one() -> None:
-    lab = Federation("lab")
-    assert lab.advertise(["hall"], WANTS_T)
-    for version, interest, is_news in ((5, WANTS_T, True), (5, WANTS_T, False), (4, (), False), (6, (), True)):
-        assert lab.learn([advertisement("hall", version, "lab", interest=interest)]) is is_news
-        assert ("hall" in lab.ways("t", "s", "lab")) is (version < 6)
-    before = lab.own
-    assert not lab.advertise(["hall"], WANTS_T)
-    assert not lab.learn([before])  # its own comes back
-    assert lab.own is before
-    restarted = Federation("lab", lab.advertisements).own
-    assert restarted.version > before.version
-    assert (restarted.peers, restarted.interest) == (("hall",), WANTS_T)
-    assert lab.advertise(["hall"], ())
-    assert lab.own.version > before.version
-
-
 def test_a_link_that_is_down_is_used_only_where_there_is_no_other_way() -> None:
     """In a ring: lab - hall - yard - attic - lab."""
     lab = Federation("lab")

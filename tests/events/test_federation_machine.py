@@ -398,7 +398,7 @@ class FederationMachine(RuleBasedStateMachine):
 
 
 TestFederation = FederationMachine.TestCase
-TestFederation.settings = settings(max_examples=120, stateful_step_count=40, deadline=None)
+TestFederation.settings = settings(max_examples=40, stateful_step_count=40, deadline=None)
 
 
 # ---- which links carry what ----
@@ -426,7 +426,7 @@ def linked(graph: nx.Graph, wants: Mapping[str, Iterable[str]], folder: Path) ->
     return nodes
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(graphs(), st.data())
 def test_one_copy_crosses_the_links_to_those_who_want_it_and_no_others(graph: nx.Graph, data: st.DataObject) -> None:
     wants = {name: data.draw(st.sets(st.sampled_from("ab"))) for name in sorted(graph)}

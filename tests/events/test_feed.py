@@ -153,27 +153,6 @@ def test_packets_grow_under_load(at: Setting) -> None:
     assert len(at.gateway.got[1][2]) == 1  # merged into one batch
 
 
-def test_a_packet_that_is_sent_again_counts_once(at: Setting) -> None:
-    """After a send that failed, and after an acknowledgement that was late."""
-    at.connect()
-    at.gateway.problem = DEAD
-    batch = at.batch()
-    assert at.accept(batch)
-    assert at.check_account().queued == 1
-    assert not at.feed.deliver(batch)
-    eventually(lambda: at.problem() == "it is dead", what="the link to be down")
-    assert at.snapshot().packets == 0
-    at.gateway.problem = None
-    at.renew(1)
-    eventually(lambda: at.gateway.payloads() == [1], what="the event")
-    outlast(DEFAULTS.retransmit_s)
-    at.renew(1)
-    eventually(lambda: at.gateway.payloads() == [1, 1], what="the same once more")
-    at.acknowledge(2)
-    assert (at.snapshot().packets, at.snapshot().bytes) == (1, batch.size)
-    assert at.check_account() == Account(1, 1)
-
-
 def test_at_most_a_window_of_packets_is_in_flight(at: Setting) -> None:
     at.connect()
     for number in range(3 * DEFAULTS.window):
@@ -258,29 +237,9 @@ def test_a_packet_that_a_supplier_had_no_time_for_is_sent_again_at_once(at: Sett
     assert at.check_account() == Account(2, 2)
 
 
-@pytest.mark.parametrize("at", [replace(DEFAULTS, retransmit_s=2.0)], indirect=True)
-def test_nothing_is_retransmitted_while_acknowledgements_progress(at: Setting) -> None:
-    at.connect()
-    at.publish()
-    at.publish()
-    outlast(2.0)
-    at.acknowledge(2)
-    at.renew(2)  # the second is in flight for a while, but there was progress
-    stays(lambda: at.gateway.payloads() == [1, 2])
-
-
 def sent(gateway: Gateway) -> list[tuple[int, int, dict[str, int] | None]]:
     """First and last number and the targets of what was sent."""
     return [(batch.first, batch.last, batch.targets) for _, _, batches in gateway.got for batch in batches]
-
-
-@pytest.mark.parametrize("at", [replace(DEFAULTS, max_queued=4)], indirect=True)
-def test_nobody_waits_for_discarded_events(at: Setting) -> None:
-    for number in range(7):
-        at.publish(hall=number, yard=number)
-    at.connect()
-    eventually(lambda: sent(at.gateway) == [(4, 7, {"hall": 0, "yard": 0})], what="the newest, the first ones there")
-    assert at.check_account() == Account(7, discarded=3, queued=4)
 
 
 def test_nobody_waits_for_expired_events(at: Setting) -> None:
@@ -294,21 +253,6 @@ def test_nobody_waits_for_expired_events(at: Setting) -> None:
     at.publish(hall=6)
     eventually(lambda: sent(at.gateway)[2:] == [(7, 7, {"hall": 5})], what="what comes next")
     assert at.check_account() == Account(7, expired=4, queued=3)
-
-
-def test_what_waits_moves_to_a_shorter_way_and_what_is_in_flight_stays(at: Setting) -> None:
-    at.connect()
-    at.publish(yard=0, hall=0)
-    waiting = at.batch(2), at.batch()
-    waiting[0].targets, waiting[1].targets = {"yard": 1, "hall": 1}, {"yard": 3}
-    with at.lock:
-        for batch in waiting:
-            at.feed.store(batch)
-        moved = at.feed.withdraw({"hall": "hall", "yard": "attic"})
-    assert [(batch.first, batch.last, batch.targets) for batch in moved] == [(2, 3, {"yard": 1}), (4, 4, {"yard": 3})]
-    eventually(lambda: len(sent(at.gateway)) == 2, what="the rest")
-    assert sent(at.gateway) == [(1, 1, {"yard": 0, "hall": 0}), (2, 3, {"hall": 1})]
-    assert at.check_account() == Account(3, queued=3)
 
 
 def test_what_is_in_flight_at_a_link_that_is_down_goes_by_both_ways(at: Setting) -> None:

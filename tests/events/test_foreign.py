@@ -94,16 +94,6 @@ def link(channel: Channel, peer: ForeignChannel) -> Iterator[ForeignLink]:
     link.end()
 
 
-def test_a_channel_that_disconnects_our_consumer_is_connected_again(link: ForeignLink, peer: ForeignChannel) -> None:
-    """omniEvents does so after an event that our end refused."""
-    first = peer.connections[0]
-    first.on_disconnected()
-    eventually(lambda: link.connections == 2 and not link.problem, what="the next connection")
-    assert first.is_ended
-    first.on_disconnected()  # late, by an object of the connection that has ended
-    stays(lambda: link.connections == 2)
-
-
 def test_why_a_connection_ended_is_shown(link: ForeignLink, peer: ForeignChannel) -> None:
     peer.problem = NotReachable("it is away")
     peer.connections[0].on_disconnected()

@@ -266,23 +266,6 @@ def test_each_event_comes_once_and_in_order(shape: tuple[str, ...], seed: int) -
             assert link(network["A"]).feed.totals.received == 100
 
 
-def test_a_restart_at_any_moment_repeats_nothing_and_the_rest_arrives() -> None:
-    weather = stormy(11)
-    with Network("A", "B", weather=weather, policy=QUICK) as network:
-        consumer = link_all(network, "AB", consuming="B")["B"]
-        got: list[str] = []
-        for number in range(200):
-            network["A"].publish(f"{number:03}")
-            if number % 40 == 39:
-                got += consumer.read()
-                consumer = network.restart("B", "t").consumers[0]
-        weather.clear_up()
-        network["A"].publish("last")
-        eventually(lambda: consumer.read()[-1:] == ["last"], what="the last event")
-        got += consumer.read()
-        assert got == sorted(set(got))
-
-
 def test_the_supplying_end_restarts_and_its_events_are_new() -> None:
     with Network("A", "B", policy=QUICK) as network:
         consumer = link_all(network, "AB", consuming="B")["B"]
@@ -343,25 +326,6 @@ def test_what_waits_for_a_link_that_is_down_goes_by_the_other_way() -> None:
         check(network, consumers, published)
         assert network["C"].channel.feeds["B"].account.delivered >= 400 + 200, "those of C, and those of A meanwhile"
         eventually(lambda: all(not state.feed.totals.queued for state in states(network)), what="all acknowledged")
-
-
-def test_interest_follows_consumers() -> None:
-    with Network("A", "B", "C", policy=QUICK) as network:
-        network.link("AB", "BC")
-        first = network["C"].consume("a")
-        eventually(lambda: network["A"].knows("C") == ("a",), what="a")
-        second = network["C"].consume("b", "a.*")
-        eventually(lambda: network["A"].knows("C") == ("a", "a.*", "b"), what="a and b")
-        first.leave()
-        eventually(lambda: network["A"].knows("C") == ("a.*", "b"), what="without the first")
-        second.change("b")
-        eventually(lambda: network["A"].knows("C") == ("b",), what="the change")
-        assert network["A"].knows("B") == ()  # a gateway never counts
-        second.leave()
-        eventually(lambda: network["A"].knows("C") == (), what="nothing")
-        network["A"].publish("x", type="b")
-        stays(lambda: [state.feed.totals.received for state in network["A"].links.snapshots()] == [0])
-        assert [state.gateway.packets for state in network["B"].links.snapshots()] == [0, 0]
 
 
 def observe(node: Node, operation: str) -> list[float]:

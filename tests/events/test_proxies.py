@@ -24,7 +24,7 @@ from robocorba.events.proxies import Proxies
 from robocorba.events.proxy import ProxyCondition, ProxyKind
 from robocorba.events.proxy_consumer import ORDERS, ProxyConsumer, ProxyPullConsumer, own_supplier
 from robocorba.events.proxy_push_supplier import ProxyPushSupplier
-from robocorba.events.proxy_supplier import ProxyPullSupplier, ProxySupplier
+from robocorba.events.proxy_supplier import ProxyPullSupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import ALL
 from robocorba.system.backoff import Backoff
@@ -372,21 +372,6 @@ def test_a_restarted_channel_has_its_proxies_again(tmp_path: Path) -> None:
         assert isinstance(fresh, ProxyConsumer) and fresh.id not in {*before, ended.id}
         with pytest.raises(errors.Disconnected):
             fresh.push(supplied("t", b"x"))
-
-
-def test_an_event_of_a_polled_supplier_reaches_all_consumers_after_a_restart(tmp_path: Path) -> None:
-    policy = ProxyPolicy(delivery=DeliveryPolicy(poll_intervals=Backoff(0.0, 0.01)))
-    clients: dict[str, Any] = {}
-    with lab_in(tmp_path, clients, policy) as lab:
-        supplier = lab.known(Supplier())
-        lab.proxies.connect(lab.proxies.obtain(ProxyKind.PULL_CONSUMER), supplier)
-        for _ in range(60):
-            lab.proxies.connect(lab.proxies.obtain(ProxyKind.PULL_SUPPLIER), None)
-    # Another object with the same reference: a thread of the channel before may just be asking the old one.
-    clients[supplier.reference] = Supplier(supplied("t", b"1"))
-    with lab_in(tmp_path, clients, policy) as lab:
-        proxies = [proxy for proxy in lab.proxies._all.values() if isinstance(proxy, ProxySupplier)]
-        eventually(lambda: [proxy.account.received for proxy in proxies] == [1] * 60)
 
 
 @pytest.mark.parametrize("is_put_back", [False, True])

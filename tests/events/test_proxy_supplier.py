@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -171,29 +170,6 @@ def test_failures_and_defects_never_end_a_durable_subscription(channel: Channel,
     assert (received(consumer), lost.reasons, proxy.failures, proxy.problem) == ([1], [], 0, "")
 
 
-def test_a_stalled_consumer_loses_the_oldest_events_and_delays_no_other(channel: Channel) -> None:
-    is_stalled = threading.Event()
-    is_stalled.set()
-
-    def answer(items: Sequence[QueueItem]) -> None:
-        if is_stalled.is_set():
-            raise NotDelivered("asleep")
-
-    asleep, awake = Consumer(answer=answer), Consumer()
-    asleep.is_alive = lambda: not is_stalled.is_set()
-    first = push_supplier_of(channel, asleep, QueuePolicy(10), delivery=replace(IMPATIENT, max_failures=10**9))
-    second = push_supplier_of(channel, awake)
-    for number in range(25):
-        publish(channel, number)
-    eventually(lambda: is_settled(second))
-    assert received(awake) == list(range(25))
-    eventually(lambda: first.condition is ProxyCondition.STALLED)
-    is_stalled.clear()
-    eventually(lambda: is_settled(first))
-    assert received(asleep) == list(range(15, 25))
-    assert totals(first) == Account(received=25, delivered=10, discarded=15)
-
-
 def test_events_wait_in_order_or_expire_while_delivery_is_suspended_until_the_end(channel: Channel) -> None:
     consumer = Consumer()
     proxy = push_supplier_of(channel, consumer)
@@ -301,21 +277,6 @@ def test_missions_and_stops_wait_for_nobody(channel: Channel) -> None:
     for type, waits in (("mission.order", False), ("robot.stop", False), ("robot.state", True)):
         publish(channel, 1, 2, type=type)
         assert bool(limits) is waits, type
-
-
-def test_a_conjunction_is_delivered_together_or_to_plain_consumers_one_by_one(channel: Channel) -> None:
-    batches, plain = Consumer(), Consumer(takes_batches=False)
-    proxies = [push_supplier_of(channel, consumer, wanted=BOTH) for consumer in (batches, plain)]
-    publish(channel, 1, type="a")
-    publish(channel, 2, type="c")
-    assert [totals(proxy) for proxy in proxies] == [Account(received=1, queued=1)] * 2
-    publish(channel, 3, type="b")
-    for proxy in proxies:
-        eventually(lambda proxy=proxy: is_settled(proxy))
-        assert totals(proxy) == Account(received=2, delivered=2)
-    (item,) = batches.items
-    assert isinstance(item, CorrelatedEvents) and item.clause_number == 0
-    assert received(plain) == [1, 3]
 
 
 def test_a_conjunction_keeps_its_waiting_events_when_the_subscription_changes(channel: Channel) -> None:

@@ -133,4 +133,4 @@ class SeenAgainstASet(RuleBasedStateMachine):
 
 
 TestSeenAgainstASet = SeenAgainstASet.TestCase
-TestSeenAgainstASet.settings = settings(max_examples=80, stateful_step_count=40, deadline=None)
+TestSeenAgainstASet.settings = settings(max_examples=30, stateful_step_count=40, deadline=None)

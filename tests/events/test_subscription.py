@@ -6,7 +6,7 @@ import math
 from fnmatch import fnmatchcase
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
@@ -122,3 +122,4 @@ class Subscribing(RuleBasedStateMachine):
 
 
 TestSubscribing = Subscribing.TestCase
+TestSubscribing.settings = settings(max_examples=30, stateful_step_count=12, deadline=None)

@@ -254,7 +254,7 @@ class Run:
         assert msgspec.json.encode(self.store.load().building) == shown
 
 
-@settings(deadline=None, max_examples=25)
+@settings(deadline=None, max_examples=12)
 @given(st.integers(0, 2**32), st.lists(placed, max_size=8))
 def test_edits_and_undos_do_what_they_do_to_plain_dictionaries(seed: int, pool: list[tuple[str, Element]]) -> None:
     # Seeds instead of lists of steps: hypothesis rarely made steps of two authors that concern the same element.

@@ -90,15 +90,6 @@ def test_nodes_that_are_walled_in() -> None:
     assert reported(one_floor(*shut_in, gap), 0.42)[0].startswith("nodes of L1 that are walled in for a robot")
 
 
-def test_a_hall_that_is_wider_than_the_view_is_not_walled_in() -> None:
-    far = [(f"w{i}", *line) for i, line in enumerate([(50, 0, 50, 99), (50, 99, 199, 99), (199, 99, 199, 0)])]
-    building = one_floor(*(wall(*line) for line in far), node("d", 100, 50), node("e", 101, 50), edge("d", "e"))
-    unbounded = msgspec.structs.replace(building.floors["L1"].floor, outline=())
-    assert reported(building.with_element("", unbounded)) == (
-        f"{APART}d with 1 more near 100, 50 (no edge joins them)",
-    )
-
-
 def test_edges_that_are_too_narrow_for_the_robot() -> None:
     narrow = [wall("left", 8, 0, 8, 1.7), wall("right", 8, 2.3, 8, 10)]
     assert reported(one_floor(*narrow), 0.29) == ()

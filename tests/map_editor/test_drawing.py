@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -132,14 +131,6 @@ def test_a_floor_or_a_size_that_cannot_be() -> None:
     for width in (0, -5, 10**6):
         with pytest.raises(ValueError, match="width_px"):
             draw_floor(EMPTY, "L1", width_px=width)
-
-
-def test_threads_draw_at_the_same_time() -> None:
-    building = scene()
-    alone = draw_floor(building, "L1", width_px=400).tobytes()
-    with ThreadPoolExecutor(4) as pool:
-        pictures = list(pool.map(lambda _: draw_floor(building, "L1", width_px=400).tobytes(), range(8)))
-    assert pictures == [alone] * 8
 
 
 def test_a_picture_leaves_no_pixels_to_the_garbage_collector() -> None:

@@ -187,25 +187,6 @@ def test_a_landing_cuts_the_walls_in_front_of_it_on_its_own_floor_only() -> None
     assert found(building, "L2")["wall", "near"].length == 10.0
 
 
-def test_obstacles_are_the_very_same_until_something_that_blocks_changes() -> None:
-    building = storey([WALL, lift(ElevatorDoor(floor="L1"))])
-    first = obstacles(building, "L1")
-    assert obstacles(building.with_element("L1", PathNode(name="n", at=(1.0, 1.0))), "L1") is first
-    assert obstacles(building.with_element("L2", WALL), "L1") is first
-    assert obstacles(building.with_element("L1", Area(name="room", polygon=ROOM)), "L1") is first
-    moved = building.with_element("L1", Wall(name="w", a=(0.0, 1.0), b=(10.0, 1.0)))
-    assert found(moved)["wall", "w"].bounds == (0.0, 1.0, 10.0, 1.0)
-    unlifted = Building(building.name, building.floors)
-    assert list(found(unlifted)) == [("wall", "w")]
-
-
-def test_bounds_hold_obstacles_and_nodes() -> None:
-    building = storey([WALL, PathNode(name="n", at=(3.0, -7.0))])
-    assert geometry.bounds(building, "L1", margin_m=0.5) == (-0.5, -7.5, 10.5, 0.5)
-    assert geometry.bounds(building, "L2") == (-0.5, -0.5, 0.5, 0.5)
-    assert obstacles(building, "L2") == ()
-
-
 sizes = st.floats(0.1, 3.0)
 shapes_of_any_kind = (
     st.builds(SegmentShape, length=sizes)

@@ -122,17 +122,6 @@ def test_replacing_the_building_is_one_edit(editor: BuildingEditor, building: Bu
     assert small.replace(Building("third", {}, {}), 6)  # removing is not bringing
 
 
-def test_replacing_a_topological_map_leaves_equal_parts_alone(editor: BuildingEditor, building: Building) -> None:
-    nodes = building.floors[L1].topological.nodes
-    drawn = TopologicalMap({"west": nodes["west"], "n": PathNode(name="n", at=(3.0, 5.0))}, {})
-    editor.replace_topology(L1, drawn)
-    assert editor.building.floors[L1].topological == drawn
-    assert editor.read(NODE, L1, "west")[1] == 1
-    assert editor.replace_topology(L1, drawn) == 2
-    editor.undo(2)
-    assert editor.building == building
-
-
 def test_memory_is_bounded(store: MapStore, building: Building) -> None:
     size, clock = sum(1 for _ in elements_of(building)) + 4 + 4 + 2 + 1, Clock(0.0)
     editor = BuildingEditor(store, MapLimits(building_size=size + 5, pending_size=5), clock)
@@ -229,23 +218,6 @@ def test_a_rename_is_followed_by_all_that_refers_to_it(
 # -- transactions ------------------------------------------------------------------------------------------------------
 
 
-def test_a_transaction_checks_each_step(editor: BuildingEditor) -> None:
-    change = editor.begin()
-    change.create(L1, wall("a"))
-    for error, step in (
-        (DuplicateElement, lambda: change.create(L1, wall("w"))),
-        (UnknownElement, lambda: change.remove(WALL, L1, "b", 0)),
-        (StaleEdit, lambda: change.change(L1, wall("a"), 1)),
-        (StaleEdit, lambda: change.change(L1, wall("w"), 0)),
-        (InvalidElement, lambda: change.create(L1, wall("\n"))),
-        (InvalidElement, lambda: change.change(L1, wall("a", 1e300), 0)),
-    ):
-        with pytest.raises(error):
-            step()
-    change.roll_back()
-    assert editor.version == 1
-
-
 @pytest.mark.parametrize(
     ("mine", "theirs", "error"),
     [
@@ -273,20 +245,6 @@ def test_a_transaction_does_not_overwrite_others(editor: BuildingEditor, mine: A
     assert (editor.building, editor.version) == (after, 4)
     with pytest.raises(TransactionClosed):
         change.commit()
-
-
-def test_a_floor_may_be_drawn_anew_in_a_transaction(editor: BuildingEditor, building: Building) -> None:
-    change = editor.begin()
-    change.remove(FLOOR, "", "L2", 1)
-    change.create("", Floor(name="L2", level=2, elevation=5.0))
-    change.create("L2", PathNode(name="top", at=(1.0, 1.0)))
-    change.change("L2", PathNode(name="top", at=(2.0, 2.0)), 0)
-    editor.create("L2", wall("late"))
-    change.commit()
-    entry = editor.building.floors["L2"]
-    assert (entry.floor.elevation, list(entry.topological.nodes), entry.geometrical.walls) == (5.0, ["top"], {})
-    editor.undo(editor.version)
-    assert editor.building == building.with_element("L2", wall("late"))
 
 
 def test_a_floor_made_and_dropped_in_a_transaction_leaves_that_of_others_alone(editor: BuildingEditor) -> None:

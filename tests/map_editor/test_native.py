@@ -81,14 +81,6 @@ def _keys() -> set[str]:
     return {key for part in schema["$defs"].values() for key in part.get("properties", {})}
 
 
-def test_defaults_and_names_of_edges() -> None:
-    building = native.loads(SOUND)
-    floor = building.floors["L1"]
-    assert floor.floor.height == 3.0
-    assert floor.topological.edges == {"a-b": PathEdge(name="a-b", a="a", b="b")}
-    assert building.elevators["E"].speed == 1.0
-
-
 numbers = st.floats(allow_nan=False, allow_infinity=False)
 words = st.text(min_size=1, max_size=20).filter(str.isprintable)
 

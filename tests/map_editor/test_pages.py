@@ -6,27 +6,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any
 
-import msgspec
 import pytest
 
 from robocorba.errors.maps import ServerBusy, VersionUnavailable
 from robocorba.map_editor import pages
-from robocorba.map_editor.changes import ChangeKind, elements_of
+from robocorba.map_editor.changes import elements_of
 from robocorba.map_editor.edits import MapChange
 from robocorba.map_editor.lineage import Lineage
 from robocorba.map_editor.long_requests import LongRequests
 from robocorba.map_editor.map_building_agent import BuildingEditor
-from robocorba.map_editor.model import (
-    Area,
-    BoxShape,
-    Building,
-    ElementKind,
-    Elevator,
-    ElevatorDoor,
-    Floor,
-    MapObject,
-    PathNode,
-)
+from robocorba.map_editor.model import Area, BoxShape, Building, Floor, MapObject
 from robocorba.map_editor.pages import (
     EVERYTHING,
     ChangePage,
@@ -37,20 +26,12 @@ from robocorba.map_editor.pages import (
     with_changes_of,
 )
 from robocorba.map_editor.store import MapLimits, MapStore
-from tests.map_editor.elements import ELEVATOR, FLOOR, WALL, wall
+from tests.map_editor.elements import FLOOR, WALL, wall
 
 
 @pytest.fixture
 def editor(store: MapStore) -> BuildingEditor:
     return BuildingEditor(store, MapLimits(commits=7))
-
-
-def nodes(editor: BuildingEditor, count: int, floor: str = "L2") -> int:
-    """One edit of many nodes."""
-    transaction = editor.begin()
-    for number in range(count):
-        transaction.create(floor, PathNode(name=f"n{number}", at=(float(number), 50.0)))
-    return transaction.commit()
 
 
 def changes_from(
@@ -111,23 +92,6 @@ def test_a_building_is_read_in_pages_also_while_it_is_edited(editor: BuildingEdi
     assert size_of_copy(copy) == len(copy.floors) + len(walls)
 
 
-def test_changes_come_in_pages_that_end_anywhere_in_an_edit(editor: BuildingEditor) -> None:
-    began = editor.version
-    editor.create("L1", wall("first"))
-    last = nodes(editor, 5)
-    found = list(changes_from(editor, ChangePosition(began)))
-    assert [len(page.changes) for page in found] == [2, 2, 2]
-    assert [page.next for page in found] == [(began + 1, 1), (began + 1, 3), (last, 0)]
-    assert [page.left for page in found] == [4, 2, 0]
-    assert [change for page in found for change in page.changes] == editor.changes_since(began)
-    page = editor.change_page(ChangePosition(last))
-    assert page == ChangePage([], ChangePosition(last), True, 0)
-    editor.create("L2", wall("elsewhere"))
-    page = editor.change_page(ChangePosition(began), Selection((FLOOR, WALL), "L1"), 1)
-    assert ([change.key.name for change in page.changes], page.is_last) == (["first"], True)
-    assert page.next == (editor.version, 0)
-
-
 def test_a_page_is_small_however_large_its_elements(editor: BuildingEditor, monkeypatch: pytest.MonkeyPatch) -> None:
     began = editor.version
     for name in "abc":
@@ -151,7 +115,6 @@ def test_positions_that_do_not_exist(editor: BuildingEditor) -> None:
     assert editor.element_page(0, Selection((), "no floor")).elements[0][0] == ""
 
 
-OBJECT = ElementKind.OBJECT
 CHAIR = MapObject("chair", BoxShape((0.4, 0.4)), (2.5, 3.5), movable=True)
 
 
@@ -164,52 +127,6 @@ def since(editor: BuildingEditor) -> int:
 def lineage(editor: BuildingEditor, since: int) -> Lineage:
     changes = editor.changes_since(since)
     return Lineage(MapChange(each.version, each.kind, each.floor, each.element) for each in changes)
-
-
-def test_a_renamed_object_is_followed_over_further_edits(editor: BuildingEditor, since: int) -> None:
-    renamed = editor.rename(OBJECT, "L1", "chair", "stool", since)
-    editor.change("L1", msgspec.structs.replace(CHAIR, name="stool", height=2.0), renamed)
-    editor.rename(FLOOR, "", "L1", "lobby", editor.read(FLOOR, "", "L1")[1])
-    again = editor.rename(OBJECT, "lobby", "stool", "seat", editor.version)
-    found = lineage(editor, since)
-    assert found.floors(editor.building.floors) == {"L1": "lobby", "L2": "L2"}
-    assert found.origin(OBJECT, "lobby", "seat") == (OBJECT, "L1", "chair")
-    assert found.origin(ELEVATOR, "", "E1") == (ELEVATOR, "", "E1")
-    editor.undo(again)
-    assert lineage(editor, since).origin(OBJECT, "lobby", "stool") == (OBJECT, "L1", "chair")
-
-
-def test_an_object_that_was_removed_is_another_one_than_its_successor(editor: BuildingEditor, since: int) -> None:
-    assert Lineage().origin(OBJECT, "L1", "chair") == (OBJECT, "L1", "chair")  # without changes
-    assert Lineage().floors(["L1", "L2"]) == {"L1": "L1", "L2": "L2"}
-    editor.remove(OBJECT, "L1", "chair", since)
-    editor.create("L1", CHAIR)
-    editor.create("", Floor("L3", 3, 8.0))
-    assert lineage(editor, since).floors(editor.building.floors) == {"L1": "L1", "L2": "L2"}
-    assert lineage(editor, since).origin(OBJECT, "L1", "chair") is None
-
-
-def test_an_equal_object_in_the_same_edit_is_the_same(editor: BuildingEditor, since: int) -> None:
-    transaction = editor.begin()
-    transaction.remove(OBJECT, "L1", "chair", since)
-    transaction.create("L1", msgspec.structs.replace(CHAIR, name="stool"))
-    transaction.create("L1", msgspec.structs.replace(CHAIR, name="other", at=(1.0, 1.0)))
-    transaction.commit()
-    found = lineage(editor, since)
-    assert found.origin(OBJECT, "L1", "stool") == (OBJECT, "L1", "chair")
-    assert found.origin(OBJECT, "L1", "other") is None
-
-
-def test_an_elevator_is_the_same_if_a_floor_gets_another_name_in_the_same_edit() -> None:
-    doors = {name: (ElevatorDoor(name), ElevatorDoor("L2")) for name in ("L1", "lobby")}
-    edit = [
-        (ChangeKind.REMOVED, Elevator("E1", (0.0, 0.0), (2.0, 2.0), doors["L1"])),
-        (ChangeKind.REMOVED, Floor("L1", 1, 0.0)),
-        (ChangeKind.CREATED, Floor("lobby", 1, 0.0)),
-        (ChangeKind.CREATED, Elevator("lift", (0.0, 0.0), (2.0, 2.0), doors["lobby"])),
-    ]
-    found = Lineage(MapChange(2, kind, "", element) for kind, element in edit)
-    assert found.origin(ELEVATOR, "", "lift") == (ELEVATOR, "", "E1")
 
 
 @pytest.mark.parametrize(

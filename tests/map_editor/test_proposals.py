@@ -83,18 +83,6 @@ def test_what_two_robots_see_for_a_moment_is_proposed_and_planned_around(place: 
     assert [each.name for each in place.proposals.due()] == ["seen 1"]
 
 
-def test_its_outline_is_around_all_sides_that_robots_see(place: Place) -> None:
-    west, east = seen(5.0, 3.0, CHAIR[:1] + CHAIR[3:]), seen(5.0, 3.0, CHAIR[:2])
-    for _ in range(5):
-        place.proposals.correlate({"A": [west], "B": [east]})
-        place.clock.now += 1.0
-    (proposal,) = place.proposals.open()
-    assert proposal.element.at == pytest.approx((4.917, 2.917), abs=0.01)  # of the half that both have seen
-    place.watch(seen(5.0, 3.0, CHAIR[1:]), robots="BC", seconds=1.0)
-    assert place.proposals.open()[0].element.at == pytest.approx((5.0, 3.0), abs=0.01)
-    assert place.objects()["seen 1"].at == pytest.approx((5.0, 3.0), abs=0.01)
-
-
 def test_who_walks_by_and_what_the_map_has_is_not_proposed(place: Place) -> None:
     for step in range(30):
         place.proposals.correlate({robot: [seen(2.0 + 0.4 * step, 3.0)] for robot in "AB"})
@@ -394,5 +382,5 @@ class ProposalMachine(RuleBasedStateMachine):
             assert self.place.objects(self.floor) == {**drawn, **proposed}
 
 
-ProposalMachine.TestCase.settings = settings(max_examples=60, stateful_step_count=30, deadline=None)
+ProposalMachine.TestCase.settings = settings(max_examples=25, stateful_step_count=30, deadline=None)
 TestProposals = ProposalMachine.TestCase

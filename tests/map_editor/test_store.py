@@ -23,7 +23,7 @@ from robocorba.map_editor.edit_session import EditSessions
 from robocorba.map_editor.map_building_agent import BuildingEditor
 from robocorba.map_editor.model import Building, Floor
 from robocorba.map_editor.store import FIRST_VERSION, MapLimits, MapStore
-from robocorba.map_editor.underlays import MAX_PICTURE_BYTES, MAX_SIDE_PX, Underlay, check_underlay
+from robocorba.map_editor.underlays import MAX_PICTURE_BYTES, MAX_SIDE_PX, Underlay
 from testkit.buildings import grid
 from tests.map_editor.elements import FLOOR, wall
 
@@ -229,12 +229,6 @@ def test_what_is_no_underlay_is_refused(editor: BuildingEditor, underlay: Underl
     with pytest.raises(InvalidElement, match=f"floor 'L1': its picture: .*{reason}"):
         editor.set_underlay("L1", underlay)
     assert editor.underlay("L1") is None
-
-
-def test_a_large_picture_is_checked() -> None:
-    check_underlay("L1", PLAN._replace(picture=picture(size=(MAX_SIDE_PX, 6000))))
-    check_underlay("L1", PLAN._replace(picture=picture("JPEG", (4000, 4000), progressive=True)))
-    check_underlay("L1", PLAN._replace(picture=picture("JPEG", (4001, 4000))))
 
 
 def test_the_picture_of_a_removed_floor_comes_back_with_an_undo_only_and_goes_with_the_journal(store: MapStore) -> None:

@@ -137,5 +137,5 @@ def test_an_order_of_a_moment_to_come_by_a_late_clock_is_no_jump() -> None:
 
 TestCarry = Carry.TestCase
 TestCarry.settings = settings(
-    max_examples=25, stateful_step_count=25, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+    max_examples=12, stateful_step_count=25, deadline=None, suppress_health_check=[HealthCheck.too_slow]
 )

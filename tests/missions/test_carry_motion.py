@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from robocorba.errors.robots import MotionFailed
 from robocorba.map_editor.spatial.frames import into, out_of, turned
-from robocorba.map_editor.spatial.pose import Limits, Pose2D
+from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.missions.carry_control import (
     GOAL_M,
     GOAL_RAD,
@@ -19,10 +18,10 @@ from robocorba.missions.carry_control import (
     UNKNOWN_AFTER_S,
     CarryMotion,
 )
-from robocorba.missions.carry_progress import SLOWS_DOWN_AFTER_S, STANDS_AFTER_S, CarryProgress
+from robocorba.missions.carry_progress import CarryProgress
 from robocorba.missions.clock import LeaderClock
 from robocorba.missions.leader_policy import LeaderPolicy
-from robocorba.missions.trajectory import CARRY_LIMITS, Trajectory
+from robocorba.missions.trajectory import Trajectory
 from robocorba.robot.motion.motion import MotionCommand
 from robocorba.robot.motion.robot_state import RobotState
 
@@ -30,10 +29,6 @@ from robocorba.robot.motion.robot_state import RobotState
 CYCLE_S = 0.02
 #: Where the carrier is planned, in the frame of the body.
 PLACE = (-1.0, 0.2, 0.0)
-#: Trajectory time for which a body moves on at the full rate after the last order [s].
-COASTS_S = (SLOWS_DOWN_AFTER_S + STANDS_AFTER_S) / 2
-#: Where `progress` stands at last without further orders [s].
-STOOD_S = 5.0 + 0.5 * COASTS_S
 
 
 class Clock(LeaderClock):
@@ -128,39 +123,6 @@ def test_a_body_that_is_far_off_its_path_and_a_carrier_off_its_place_end_the_car
 
 
 # ---- by the orders of its leader ----
-
-
-@pytest.fixture
-def progress() -> CarryProgress:
-    """At half the planned rate from time 100 on; the last order was sent at 102."""
-    progress = CarryProgress()
-    progress.hold(4.0)
-    for number in range(22):
-        progress.follow(since=100.0, trajectory_s=4.0, rate=0.5, sent=99.9 + 0.1 * number)
-    return progress
-
-
-def test_it_slows_down_evenly_without_orders(progress: CarryProgress) -> None:
-    """As fast as a base can from the speed of carries, and without a jump of place or rate."""
-    times = np.linspace(102.0, 103.0, 1001)
-    places, rates = np.array([progress.at(time) for time in times]).T
-    slowing = (times > 102.0 + SLOWS_DOWN_AFTER_S) & (times < 102.0 + STANDS_AFTER_S)
-    assert np.all(np.diff(rates) <= 1e-9)
-    assert CARRY_LIMITS.speed * np.max(-np.diff(rates) / np.diff(times)) <= 0.5 * Limits().acceleration + 1e-6
-    assert np.allclose(np.diff(places) / np.diff(times), (rates[1:] + rates[:-1]) / 2, atol=1e-3)
-    assert 0.0 < rates[slowing].min() < rates[slowing].max() < 0.5
-
-
-def test_it_stands_until_the_orders_of_another_leader(progress: CarryProgress) -> None:
-    """Whose clock is far behind."""
-    assert progress.at(102.0) == (pytest.approx(5.0), 0.5)
-    assert progress.at(102.0 + STANDS_AFTER_S) == progress.at(110.0) == (pytest.approx(STOOD_S), 0.0)
-    assert progress.ordered_s(103.2) == pytest.approx(5.6)  # where others are that receive orders still
-    progress.hold(progress.at(110.0)[0])
-    assert progress.at(20.0) == (pytest.approx(STOOD_S), 0.0)
-    progress.follow(since=21.0, trajectory_s=STOOD_S, rate=1.0, sent=20.9)
-    assert progress.at(20.95) == (pytest.approx(STOOD_S), 0.0)
-    assert progress.at(21.05) == (pytest.approx(STOOD_S + 0.05), pytest.approx(1.0))
 
 
 def test_a_carrier_whose_state_is_unknown_falls_behind() -> None:

@@ -21,7 +21,7 @@ from robocorba.missions.execution import ABORT_BACK_M, StepExecutor
 from robocorba.missions.leader_areas import LeaderAreas
 from robocorba.missions.member import Member, MemberPolicy
 from robocorba.missions.messages import Assignment
-from robocorba.missions.subplan import BackOff, CallCabin, Carry, Gather, Reserve, Ride, SubPlan, TakeHold
+from robocorba.missions.subplan import BackOff, CallCabin, Carry, Reserve, Ride, SubPlan, TakeHold
 from robocorba.missions.trajectory import Trajectory
 from robocorba.planning.planner import PathPlanner
 from robocorba.robot.robot import Robot
@@ -91,14 +91,6 @@ def test_a_robot_lets_go_after_an_abort_once_the_server_is_back(monkeypatch: pyt
     assert crowd.run(60.0, A=abort) == {}
     assert crowd.robots["A"].session.latest.holding == ""
     assert crowd.at("A")[0] == pytest.approx(1.08 - ABORT_BACK_M, abs=0.01)
-
-
-def test_a_gathering_robot_drives_around_a_stationary_one() -> None:
-    crowd = Crowd(room(8.0, 4.0), {"A": (1.0, 2.0, 0.0), "B": (4.0, 2.0, 0.0)})
-    beyond = Gather(floor="L1", x=7.0, y=2.0, heading=0.0)
-    assert crowd.run(60.0, A=lambda robot: executor_of(robot).execute(beyond)) == {}
-    assert crowd.touched == []
-    assert crowd.at("A")[:2] == pytest.approx((7.0, 2.0), abs=0.02)
 
 
 def test_areas_that_were_reserved_with_the_plan_keep_their_turn_and_others_wait_for_a_limited_time() -> None:

@@ -777,4 +777,4 @@ def test_an_aborted_mission_ends_as_aborted() -> None:
 
 
 TestMissions = Missions.TestCase
-TestMissions.settings = settings(max_examples=14, stateful_step_count=6, deadline=None)
+TestMissions.settings = settings(max_examples=6, stateful_step_count=6, deadline=None)

@@ -21,7 +21,7 @@ from robocorba.map_editor.polygons import FloorArea
 from robocorba.map_editor.spatial.pose import Pose2D
 from robocorba.missions import move_table
 from robocorba.missions.formation import BACK_OFF_M
-from robocorba.missions.gathering import SPACING_M, GatheringPaths, assign_places, driving_groups, spread_apart
+from robocorba.missions.gathering import GatheringPaths, assign_places, driving_groups, spread_apart
 from robocorba.missions.move_table import DOOR_MARGIN_S, SUCCESSION_S, MoveTablePlanner
 from robocorba.missions.obstacles import placed
 from robocorba.missions.subplan import (
@@ -96,12 +96,6 @@ def test_places_are_spread_apart(at: list[tuple[float, float]], apart_m: float) 
             assert math.dist(one[:2], found[k][:2]) > 0.5 * apart_m or math.dist(at[i], at[k]) < 1e-3
     if all(math.dist(a, b) >= apart_m for i, a in enumerate(at) for b in at[:i]):
         assert found == places
-
-
-def test_carriers_side_by_side_gather_apart() -> None:
-    first, second = spread_apart([(0.0, 0.41, 0.0), (0.0, -0.41, 0.0)])
-    assert math.dist(first[:2], second[:2]) == pytest.approx(0.8 + SPACING_M)
-    assert first[0] == second[0] == 0.0
 
 
 @pytest.mark.parametrize(

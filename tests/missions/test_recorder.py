@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
-import msgspec
 import pytest
 from msgspec.structs import replace
 
@@ -16,9 +15,8 @@ from robocorba.errors.services import NotPermitted, NotReachable
 from robocorba.errors.simulation import InvalidMission, StaleMission, UnknownMission
 from robocorba.missions import succession
 from robocorba.missions.member import DEFAULT_POLICY
-from robocorba.missions.messages import Answer, MemberState
 from robocorba.missions.recorder import MAX_WAITING, LedMission, MissionRecorder, claimed
-from robocorba.missions.report import MAX_BRIEF_EVENTS, MissionReport, PhaseTimes
+from robocorba.missions.report import MissionReport
 from robocorba.missions.subplan import CooperativePlan, Idle, PhaseSteps, plan_of
 from robocorba.missions.succession import Succession
 from robocorba.missions.transport import Received
@@ -288,51 +286,6 @@ def test_ends(kept: Kept, end: Callable[[LedMission], None], result: MissionResu
     end(LedMission(kept, "m", NEW, Clock()))
     assert kept.latest.result is result
     assert kept.latest.ended
-
-
-def test_the_phases_of_attempts_and_of_leaders_follow_each_other(kept: Kept) -> None:
-    led = LedMission(kept, "m", NEW, Clock())
-    led.phases += [PhaseTimes("one", 102.0, {}, {"A": 103.0}), PhaseTimes("recovering", 108.0, {}, {})]
-    led.update(PLAN)
-    again = replace(PLAN, mission="m.2")
-    led.update(again)
-    assert kept.latest.phases == (
-        PhaseRecord("asking", 100.0, 102.0),
-        PhaseRecord("one", 102.0, 108.0, "B"),
-        PhaseRecord("recovering", 108.0),
-    )
-    assert kept.latest.phases_in_all == 5
-    assert msgspec.convert(kept.latest.plan, CooperativePlan) == again
-    clock = Clock()
-    LedMission(kept, "m", NEW, clock).begin_phase(PLAN, "one", 102.0, ())
-    clock.now = 110.0
-    taken = kept.latest.taken_over("B", "A was silent", 109.0)
-    led = LedMission(kept, "m", replace(taken, attempts=3), clock)
-    assert (led.term, led.attempt) == (2, "m.3")
-    assert [phase.name for phase in kept.latest.phases] == ["asking", "one", "recovering"]
-    leaders = [(each.robot, each.term, each.reason) for each in kept.latest.leaders]
-    assert leaders == [("A", 1, ""), ("B", 2, "A was silent")]
-    assert taken.successors() == ["A"]
-    led.begin_attempt()
-    assert led.attempt == "m.4"
-
-
-def test_the_report_has_the_messages_that_say_something_new() -> None:
-    def state(step: int, at: float) -> Received:
-        return Received("B", MemberState(mission="m.1", robot="B", leader="A", step=step), at, "lab")
-
-    answer = Received("B", Answer(mission="m.1", robot="B", leader="A", accepts=True), 100.5, "lab")
-    received = [answer, *(state(step, 101.0 + step + n / 10) for step in range(2) for n in range(10))]
-    brief = report("done", received=received).brief_json()
-    assert [(event["type"], event["at_s"]) for event in brief["events"]] == [
-        ("mission.answer", 0.5),
-        ("mission.state", 1.0),
-        ("mission.state", 2.0),
-    ]
-    assert brief["events_in_all"] == 21
-    assert brief["latency_ms"]["lab"]["count"] == 21
-    many = report("done", received=[state(step, 101.0) for step in range(2 * MAX_BRIEF_EVENTS)]).brief_json()
-    assert len(many["events"]) == MAX_BRIEF_EVENTS
 
 
 RECORD = replace(NEW, icon={"icon": "move_table"}, members=tuple(MemberRecord(robot, "helper") for robot in "BAC"))

@@ -244,4 +244,4 @@ def _fields(content: MissionContent) -> dict[str, object]:
 
 
 TestSuccession = Succession.TestCase
-TestSuccession.settings = settings(max_examples=80, stateful_step_count=30, deadline=None)
+TestSuccession.settings = settings(max_examples=35, stateful_step_count=30, deadline=None)

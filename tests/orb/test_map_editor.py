@@ -104,22 +104,6 @@ def test_abandoned_and_closed_transactions_end(servant: MapEditorServant, clock:
     assert still_open.commit() == 2
 
 
-def test_servants_of_sessions_are_deactivated(servant: MapEditorServant, clock: Clock, counting: CountingOrb) -> None:
-    closed, abandoned = servant.openSession("Ada"), servant.openSession("Ada")
-    closed.close()
-    assert counting.active == 1
-    clock.now += SESSION_S + 1
-    for _ in range(3):
-        last = [servant.openSession("Bob") for _ in range(64)][-1]
-        with pytest.raises(RoboCorba.TooManyTransactions) as refused:
-            servant.openSession("Bob")
-        assert (refused.value.limit, counting.active) == (64, 64)
-        clock.now += SESSION_S + 1
-    for ended in (closed, abandoned, last):
-        with pytest.raises(CORBA.OBJECT_NOT_EXIST):
-            ended.undo()
-
-
 def test_a_session_speaks_in_values_of_the_domain(servant: MapEditorServant) -> None:
     ada, bob = (RemoteEditSession(servant.openSession(name), name) for name in ("Ada", "Bob"))
     made = ada.create("L2", Wall(name="a", a=(0.0, 8.0), b=(0.0, 9.0)))

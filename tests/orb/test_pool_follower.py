@@ -250,4 +250,4 @@ class Following(RuleBasedStateMachine):
 
 
 TestFollowing = Following.TestCase
-TestFollowing.settings = settings(max_examples=25, stateful_step_count=40, deadline=None)
+TestFollowing.settings = settings(max_examples=12, stateful_step_count=40, deadline=None)

@@ -335,18 +335,6 @@ def test_a_robot_that_was_logged_off_logs_on_where_it_is_now(
     assert server.started_on == floors
 
 
-def test_heartbeats_after_calls_are_spared(
-    session: RemoteSession, server: Server, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now = 100.0
-    monkeypatch.setattr(module.time, "monotonic", lambda: now)
-    session.log_on()
-    for count, passed_s in ((1, 0.0), (1, module.RENEWED_S + 0.1), (2, 0.0)):
-        session.heartbeat()
-        assert server.heartbeats == count
-        now += passed_s
-
-
 @pytest.mark.parametrize(
     ("operation", "failing", "failure", "calls", "refusal"),
     [

@@ -65,20 +65,6 @@ def test_the_session_is_where_the_adaptor_says_and_remembers_it(records: RecordF
     assert kept_pose(records) == Pose("L1", 7.5, 2.0, 0.6)
 
 
-def test_a_stop_outlives_the_process(tmp_path: Path) -> None:
-    with record_file(tmp_path) as records:
-        session = LocalSession(records, START, lambda: AT_START)
-        assert session.hold() == NOT_HELD
-        assert session.report_stop("button") == (True, StopHold(True, 1, "button"))
-        assert session.report_stop("again") == (False, StopHold(True, 1, "button"))
-    with record_file(tmp_path) as records:
-        session = LocalSession(records, START, lambda: AT_START)
-        assert session.hold() == StopHold(True, 1, "button")
-        assert session.end_stops(0).is_held
-        assert not session.end_stops(1).is_held
-        assert session.report_stop("fire") == (True, StopHold(True, 2, "fire"))
-
-
 def test_what_only_the_simulation_server_has_is_refused(records: RecordFile) -> None:
     session = LocalSession(records, START, lambda: AT_START)
     for call in (
@@ -302,22 +288,7 @@ def test_a_reset_ends_no_stop_of_the_server_that_came_while_the_robot_reported_i
 
 
 TestSharedStops = SharedStops.TestCase
-TestSharedStops.settings = settings(max_examples=40, stateful_step_count=25, deadline=None)
-
-
-def test_a_stop_of_a_server_that_counts_from_the_beginning_holds_and_can_be_ended(tmp_path: Path) -> None:
-    with record_file(tmp_path) as records:
-        server = Server(records, START, lambda: AT_START)
-        robot: Any = Robot(server)
-        body = BodyInBuilding(server, robot)
-        for stop in (StopHold(True, 5, "fire"), StopHold(True, 1, "smoke"), StopHold(True, 1, "smoke")):
-            server._change(stop)
-            body.follow()
-            assert robot.held and server.hold().is_held
-            if stop.number == 1:
-                robot.latch.end(robot.latch.number)
-                body.follow()
-                assert not robot.held and not server.hold().is_held
+TestSharedStops.settings = settings(max_examples=20, stateful_step_count=25, deadline=None)
 
 
 def test_a_body_that_is_left_behind_logs_on_where_the_robot_is(records: RecordFile) -> None:

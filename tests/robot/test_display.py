@@ -53,14 +53,6 @@ def test_every_combination_shows_what_the_table_says(condition: AgentCondition, 
         assert (shown.kind.name, shown.text) == by_table(condition.name, result.name, waits, is_lost)
 
 
-@given(
-    st.sampled_from(DisplayKind), st.text(st.characters(codec="utf-8", exclude_characters="\0")), st.floats(0.0, 1e9)
-)
-def test_it_is_the_same_for_a_client(kind: DisplayKind, text: str, seconds: float) -> None:
-    shown = Display(kind, text, seconds)
-    assert robot_states.display_of(robot_states.display(shown)) == shown
-
-
 class Released:
     """A robot of 0.1.0."""
 

@@ -655,4 +655,4 @@ def test_a_server_that_could_not_write_the_end_of_a_stop_holds_the_robot_again(w
 
 
 TestStops = Stops.TestCase
-TestStops.settings = settings(deadline=None, max_examples=25, stateful_step_count=30)
+TestStops.settings = settings(deadline=None, max_examples=12, stateful_step_count=30)

@@ -17,10 +17,9 @@ import pytest
 from robocorba.errors.robots import AdaptorFailed, IllegalOrder, MotionFailed, RobotLost
 from robocorba.errors.services import NotReachable
 from robocorba.robot.adaptor import SIMULATION_SERVER, RobotAdaptor
-from robocorba.robot.high_controller import TICK_S, VALID_S, Callbacks, HighController, Timing
+from robocorba.robot.high_controller import TICK_S, Callbacks, HighController, Timing
 from robocorba.robot.kinematics.smartpal import BASE_LIMITS
 from robocorba.robot.motion.driving import DriveAt
-from robocorba.robot.motion.motion import MotionCommand
 from robocorba.robot.motion.robot_state import ActorCommand, RobotState
 from robocorba.simulation.registry import Pose
 from robocorba.system.stop_latch import StopLatch
@@ -398,22 +397,6 @@ def test_a_motion_goes_on_from_standstill_after_a_pause_of_its_process_unless_it
         assert "the robot's process was paused for " in str(error)
         eventually(lambda: high.stopped == "", "found again")
     high.close()
-
-
-def test_a_motion_does_not_run_ahead_while_no_tick_comes(high: HighController, adaptor: Watched) -> None:
-    elapsed: list[float] = []
-
-    def command(state: RobotState, elapsed_s: float) -> MotionCommand | None:
-        elapsed.append(elapsed_s)
-        return MotionCommand() if elapsed_s < 0.6 else None
-
-    moving = THREADS.submit(high.move, SimpleNamespace(command=command))
-    eventually(lambda: len(elapsed) > 5, "running")
-    adaptor.hangs.set()
-    pause(0.5)
-    adaptor.go_on()
-    moving.result(60.0)
-    assert max(np.diff(elapsed)) <= VALID_S + 1e-6
 
 
 def test_the_end_ends_a_motion(adaptor: Watched) -> None:

@@ -222,7 +222,7 @@ def distances(shapes: Sequence[Any], at: tuple[float, float, float], spec: ScanS
     st.booleans(),
     st.integers(0, 1000),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_a_ray_is_marked_where_it_ends_before_all_that_is_known(
     fan: Fan,
     at: tuple[float, float, float],

@@ -95,7 +95,7 @@ def is_free(things: Sequence[BaseGeometry], at: Frame = AT) -> bool:
     return all(thing.distance(Point(at[:2])) > RADIUS_M for thing in things)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(deadline=None, max_examples=8)
 @given(st.lists(BOXES, max_size=3), st.lists(BOXES, max_size=3), NOISE)
 def test_what_is_known_is_no_thing_and_what_rays_pass_goes(
     known: list[Polygon], unknown: list[Polygon], noise: Floats

@@ -678,4 +678,4 @@ class Runs(RuleBasedStateMachine):
 
 
 TestRuns = Runs.TestCase
-TestRuns.settings = settings(deadline=None, max_examples=12, stateful_step_count=30)
+TestRuns.settings = settings(deadline=None, max_examples=6, stateful_step_count=30)

@@ -197,7 +197,7 @@ WORLDS = st.lists(SQUARES | WALLS, min_size=1, max_size=6).map(np.concatenate)
 LATE = st.builds(Lateness, st.floats(0.0, 0.3), st.floats(0.0, 0.1), st.booleans())
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=8)
 @given(WORLDS, LATE, st.floats(0.05, 1.0), st.floats(-3.14, 3.14), st.floats(-1.0, 1.0), st.floats(0.0, 6.28))
 def test_a_base_stands_before_what_is_in_its_way(
     lines: Lines, late: Lateness, speed: float, bearing: float, turn: float, heading: float
@@ -215,7 +215,7 @@ def test_a_base_stands_before_what_is_in_its_way(
         assert distance_m > BESIDE_M - BETWEEN_RAYS_M
 
 
-@settings(deadline=None, max_examples=15)
+@settings(deadline=None, max_examples=6)
 @given(SQUARES, LATE, st.floats(0.2, 1.0), st.floats(-0.35, 0.35))
 def test_it_stands_at_least_five_centimetres_before_a_thing_ahead(
     thing: Lines, late: Lateness, speed: float, share: float
@@ -235,7 +235,7 @@ def test_it_stands_at_least_five_centimetres_before_a_thing_ahead(
     assert distance_m < MARGIN_M + 0.04
 
 
-@settings(deadline=None, max_examples=10)
+@settings(deadline=None, max_examples=5)
 @given(WORLDS, LATE, st.floats(-2.5, 2.5), st.floats(-2.5, 2.5), st.floats(0.2, 1.0))
 def test_it_reaches_what_is_free(lines: Lines, late: Lateness, x: float, y: float, speed: float) -> None:
     steps = np.linspace((0.0, 0.0), (x, y), 100)
@@ -257,13 +257,6 @@ def test_it_goes_along_a_wall_and_away_from_one_but_not_into_it() -> None:
     assert world.track[-1][4] == pytest.approx(0.03, abs=1e-3)
     high.drive(world, DriveAt((0.1, -0.3, 0.0), 3.0))
     assert world.track[-1][4] > 0.6
-
-
-@pytest.mark.parametrize("gap", [0.84, 0.9, 1.2])
-def test_it_passes_a_doorway(gap: float) -> None:
-    world = World(np.array([[(x, side * gap / 2), (x, side * 5.0)] for x, side in ((1.0, 1), (1.0, -1), (1.2, 1))]))
-    controller(world).drive(world, Drive([(2.0, 0.0)], None, 0.5, Limits()))
-    assert world.track[-1][1] == pytest.approx(2.0, abs=0.01)
 
 
 def test_a_goal_at_the_margin_before_a_wall_is_reached_and_it_turns_beside_anything() -> None:

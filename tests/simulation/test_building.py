@@ -9,10 +9,9 @@ import pytest
 
 from robocorba.errors.paths import UnknownFloor
 from robocorba.errors.simulation import CannotGrip, InvalidChoice, InvalidCommand, PlaceTaken, UnknownBody
-from robocorba.map_editor.model import BoxShape, ElementKind, Floor, MapObject, Wall
+from robocorba.map_editor.model import BoxShape, MapObject
 from robocorba.map_editor.spatial.pose import Pose
 from robocorba.simulation.building import SimulatedBuilding
-from robocorba.simulation.physics import STEP_S
 from robocorba.simulation.world_record import WorldRecord
 from tests.simulation.places import enter, robot, run, tower
 
@@ -57,24 +56,6 @@ def test_a_defect_on_one_floor_stops_no_other(world: SimulatedBuilding, monkeypa
     assert world.occupants.pose("A").x > 5.1
 
 
-def test_a_prepared_edit_leaves_little_to_do(world: SimulatedBuilding) -> None:
-    run(world, 1.0)
-    edited = world.building.with_element("", Floor("L3", 3, 8.0)).with_element("L3", Wall("W", (0.0, 0.0), (9.0, 0.0)))
-    edited = edited.with_element("L1", Wall("W2", (9.0, 0.0), (9.0, 1.0)))
-    for prepare in world.preparations(edited):
-        prepare()
-        run(world, STEP_S)
-    assert world.occupants.floors["L1"].touching(9.0, 0.5, 0.1) == ""
-    assert "L3" not in world.occupants.floors
-    world.update(edited)
-    assert world.occupants.floors["L3"].touching(5.0, 0.0, 0.1) == ""
-    assert {floor.snapshot.time for floor in world.occupants.floors.values()} == {world.time}
-    other = world.building.without(ElementKind.WALL, "L3", "W")
-    list(world.preparations(edited))
-    world.update(other)  # not the one that was prepared
-    assert world.occupants.floors["L3"].touching(5.0, 0.0, 0.1) is None
-
-
 def test_objects_of_one_name_on_two_floors_are_two() -> None:
     table = MapObject("T1", BoxShape((0.4, 0.4)), (2.0, 8.0), movable=True)
     world = SimulatedBuilding(tower().with_element("L2", table))
@@ -101,41 +82,6 @@ def test_a_record_restores_robots_at_rest_and_moved_objects(world: SimulatedBuil
     assert (again.time, again.record().objects) == (world.time, world.record().objects)
     assert again.occupants.robots["A"].state().velocity == (0.0, 0.0, 0.0)
     assert again.occupants.pose("D") == Pose("L1", 9.0, 1.0, 0.0)
-
-
-def test_a_robot_is_placed_at_rest_on_any_floor(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 7.0, 2.0)
-    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    run(world, 1.0)
-    for pose in (Pose("L1", 1.0, 8.0, 1.0), Pose("L2", 2.0, 2.0, -2.0), Pose("L2", 2.1, 2.0, 0.0)):
-        events = world.place("A", pose)
-        assert [(event.kind, event.floor, event.who) for event in events] == [("placed", pose.floor, ("A",))]
-        assert world.occupants.pose("A") == pytest.approx(pose)
-        assert world.occupants.robots["A"].state().pose == pytest.approx(pose)  # also while time is paused
-        run(world, 0.5)
-        assert world.occupants.pose("A") == pytest.approx(pose)
-    assert world.occupants.robots["A"].state().velocity == (0.0, 0.0, 0.0)
-    world.occupants.robots["A"].command(0.5, 0.0, 0.0, 5.0)
-    run(world, 1.0)
-    assert world.occupants.pose("A").x > 2.3
-
-
-def test_an_object_is_placed_and_those_who_held_it_learn_so(world: SimulatedBuilding) -> None:
-    enter(world, "A", "L1", 1.0, 2.0)
-    enter(world, "B", "L1", 7.0, 8.5)
-    world.occupants.grip("A", "T1", (1.5, 2.0))
-    events = world.place("T1", Pose("L2", 2.0, 7.0, 1.0))
-    assert [(event.kind, event.who) for event in events] == [("grip lost", ("A",)), ("placed", ("T1",))]
-    assert world.occupants.robots["A"].holding == ""
-    assert world.occupants.objects["T1"].floor == "L2"
-    assert world.occupants.object_pose("T1") == pytest.approx(Pose("L2", 2.0, 7.0, 1.0))
-    world.place("T1", Pose("L1", 2.0, 2.0, 0.3))
-    world.occupants.grip("A", "T1", (1.5, 2.0))
-    events = world.place("A", Pose("L1", 7.0, 2.0, 0.0))
-    assert [(event.kind, event.who) for event in events] == [("grip lost", ("A",)), ("placed", ("A",))]
-    assert world.occupants.object_pose("T1") == pytest.approx(Pose("L1", 2.0, 2.0, 0.3))
-    world.place("T1", Pose("L1", 2.1, 2.0, 0.0))  # over its own place
-    assert world.occupants.object_pose("T1") == pytest.approx(Pose("L1", 2.1, 2.0, 0.0))
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,6 @@ from robocorba.simulation.elevator import (
     RidePhase,
     fits,
 )
-from robocorba.simulation.elevator_wait import longest_wait_s
 
 HEIGHTS = {f"L{level}": 4.0 * level for level in range(1, 6)}
 LIFT = Elevator("E1", (0.0, 0.0), (1.8, 1.8), tuple(ElevatorDoor(name) for name in HEIGHTS), speed=1.5, door_time=3.0)
@@ -182,43 +181,7 @@ def test_what_just_passes_the_doors_lets_nobody_board_out_of_turn() -> None:
     assert phases(blocked.lift, "ABZ") == [RidePhase.WAITING] * 3
 
 
-def test_lone_robots_keep_nobody_from_carrying_away_what_obstructs_the_doors() -> None:
-    """They would not leave the cabin, since it can't travel, and a party boards no cabin with others."""
-    blocked = BlockedLift()
-    blocked.has = Doorway.OBSTRUCTED
-    lift = blocked.lift
-    lift.call("Z", "L1", "L2", 0.4)
-    pass_time(lift, 2 * OPEN_LIMIT_S)
-    assert phases(lift, "Z") == [RidePhase.WAITING]
-    for name in "AB":
-        lift.call(name, "L1", "L2", 0.4, "table", 2)
-    assert until(lift, "A", RidePhase.BOARDING) < BLOCKED_S + 2 * STEP_S
-    assert phases(lift, "ZB") == [RidePhase.WAITING, RidePhase.BOARDING]
-    blocked.has = Doorway.IN_USE
-    blocked.carry_away()
-    until(lift, "Z", RidePhase.BOARDING)
-
-
 # ---- limits ----
-
-
-def test_the_longest_wait_depends_on_earlier_calls() -> None:
-    lift = cabin()
-    assert longest_wait_s(lift, "A") == 0.0
-    lift.call("A", "L3", "L1", 0.4)
-    alone_s = longest_wait_s(lift, "A")
-    travel_s = travel_time(LIFT, HEIGHTS["L3"] - HEIGHTS["L1"])
-    assert travel_s + LIFT.door_time < alone_s < travel_s + LIFT.door_time + 60.0
-    lift.call("B", "L5", "L4", 0.4)
-    assert longest_wait_s(lift, "B") > alone_s
-    lift.call("T1", "L1", "L2", 0.4, "table", 2)
-    lift.call("T2", "L1", "L2", 0.4, "table", 2)
-    assert longest_wait_s(lift, "T2") == longest_wait_s(lift, "T1")  # they board together
-    lift.cancel("A")
-    bound_s = longest_wait_s(lift, "B")
-    assert bound_s < alone_s + 20.0
-    assert until(lift, "B", RidePhase.BOARDING) <= bound_s
-    assert longest_wait_s(lift, "B") == 0.0
 
 
 def test_invalid_calls_name_the_field() -> None:

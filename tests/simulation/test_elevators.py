@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import msgspec
 import pytest
 
 from robocorba.errors.simulation import PlaceTaken
@@ -135,35 +134,6 @@ def test_an_object_that_is_left_in_the_cabin_keeps_its_doors_open() -> None:
         world.step()
     assert "boarding" in [event.kind for event in run(world, 40.0)]
     assert world.occupants.robots["A"].holding == "box"
-
-
-def test_a_cabin_of_an_edited_elevator_is_where_somebody_stands_in_its_shaft() -> None:
-    world = SimulatedBuilding(tower())
-    enter(world, "A", "L1", 5.0, 3.0, math.pi / 2)
-    world.elevators.call("A", "E1", "L2")
-    into_the_cabin(world, "A", 5.0)
-    until(world, RidePhase.ALIGHTING)
-    faster = msgspec.structs.replace(world.building.elevators["E1"], speed=3.0)
-    world.update(world.building.with_element("", faster))
-    assert world.elevators.rides == {}
-    assert world.elevators.cabins["E1"].floor == "L2"
-    run(world, 10.0)
-    world.elevators.call("A", "E1", "L1")  # so that it gets out
-    until(world, RidePhase.ALIGHTING)
-    assert world.occupants.pose("A").floor == "L1"
-
-
-def test_a_cabin_that_arrives_where_somebody_stands_in_its_shaft_exchanges_them() -> None:
-    building = tower()
-    world = SimulatedBuilding(building.without(ElementKind.ELEVATOR, "", "E1"))
-    enter(world, "A", "L1", 5.0, 5.0)
-    enter(world, "B", "L2", 5.0, 5.1)
-    world.update(building)
-    assert cabin(world) == ("L1", Doors.OPEN)
-    world.elevators.call("A", "E1", "L2")
-    until(world, RidePhase.ALIGHTING)
-    assert world.occupants.pose("A") == pytest.approx(Pose("L2", 5.0, 5.0))
-    assert world.occupants.pose("B") == pytest.approx(Pose("L1", 5.0, 5.1))
 
 
 def test_a_cabin_that_has_closed_over_an_object_opens_again() -> None:

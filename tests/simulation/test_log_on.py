@@ -562,5 +562,5 @@ class LogOn(RuleBasedStateMachine):
         assert not self.began and not self.ended
 
 
-LogOn.TestCase.settings = settings(max_examples=60, stateful_step_count=40, deadline=None)
+LogOn.TestCase.settings = settings(max_examples=22, stateful_step_count=40, deadline=None)
 TestLogOn = LogOn.TestCase

@@ -350,5 +350,5 @@ class MapEdits(RuleBasedStateMachine):
         )
 
 
-MapEdits.TestCase.settings = settings(max_examples=25, stateful_step_count=30, deadline=None)
+MapEdits.TestCase.settings = settings(max_examples=12, stateful_step_count=30, deadline=None)
 TestMapEdits = MapEdits.TestCase

@@ -15,7 +15,7 @@ import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon, box
 
 from robocorba.simulation import bodies, physics
-from robocorba.simulation.physics import STEP_S, STILL_CHECK_STEPS, FloorPhysics, Limits
+from robocorba.simulation.physics import STEP_S, FloorPhysics, Limits
 from robocorba.simulation.static_parts import MAX_CHANGES, static_parts
 
 RADIUS_M = 0.4
@@ -284,15 +284,3 @@ def test_resting_changes_no_bit(seed: int, monkeypatch: pytest.MonkeyPatch) -> N
     assert rested == stepped
     assert never == 0
     assert still > 0
-
-
-def test_a_floor_with_a_grip_or_a_contact_is_not_still() -> None:
-    floor = floor_with(1)
-    robot(floor, "near", 6.0, 4.9)
-    floor.grip("near", "table", (6.0, 4.3), 200.0, 4.0)
-    run(floor, 3 * STILL_CHECK_STEPS * STEP_S)
-    assert not floor.is_still
-    floor.release("near")
-    robot(floor, "touching", 1.0, 1.0 + 2 * RADIUS_M - 0.0005)
-    run(floor, 4 * STILL_CHECK_STEPS * STEP_S)
-    assert not floor.is_still

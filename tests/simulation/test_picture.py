@@ -217,12 +217,6 @@ def test_colours_at_places(
     assert [shown.at(*place) for place in places if not shown.is_about(*place, colour)] == []
 
 
-def test_another_floor_has_its_own_objects() -> None:
-    other = Shown(view_of(floor="L2"))
-    assert other.count(ROBOT) == 0
-    assert other.is_about(8.0, 5.0, GROUND) and other.is_about(3.2, 3.2, FIXED), "only the one on L1 can be moved"
-
-
 @pytest.mark.parametrize("width", [200, 801, 1200])
 def test_a_picture_of_any_width_has_the_pixels_of_the_drawn_floor(width: int) -> None:
     shown = Shown(view_of(E1=standing("L1")), width=width)
@@ -248,15 +242,6 @@ def test_robots_have_a_size_and_arrows_where_they_can_be_seen() -> None:
     over = Shown(view_of(robot(10.0, 5.0), cart(10.0, 5.0)))
     rim = over.rgb[row, column - 3 : column + 3] == ImageColor.getrgb(GROUND)
     assert rim.all(axis=1).any(), "a rim between them"
-
-
-def test_names_of_objects_and_of_elevators_that_do_not_stop_have_a_halo() -> None:
-    named = Shown(view_of(cart(10.0, 5.0, outline=tuple((2 * x, 4 * y) for x, y in SQUARE))))
-    column, row = to_pixel(scene(), "L1", (10.0, 5.0), WIDTH)
-    name = named.rgb[row - 8 : row + 9, column - 20 : column + 21]
-    assert (name == ImageColor.getrgb(GROUND)).all(axis=2).any()
-    (left, low), (right, top) = (to_pixel(scene(), "L1", corner, WIDTH) for corner in ((16.2, 8.2), (17.8, 9.8)))
-    assert named.rgb[top:low, left:right].min(axis=2).max() > 240
 
 
 def letters(x: float, y: float, name: str) -> tuple[np.ndarray, np.ndarray]:

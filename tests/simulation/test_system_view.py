@@ -70,16 +70,6 @@ def test_a_rider_never_falls_back_to_its_old_floor(is_old_floor_first: bool) -> 
     assert (place(view).floor, place(view).z) == ("L2", 4.0)
 
 
-def test_an_older_state_of_an_elevator_replaces_no_newer_one() -> None:
-    view = SystemView(HOUSE)
-    view.apply([update("L1", 1, 3.0, cabin(2.0), came="A"), update("L2", 1, 2.9, cabin(1.9))._replace(since=1)][:1])
-    view.apply([update("L2", 1, 2.0)])
-    view.apply([update("L2", 2, 2.9, cabin(1.9))])
-    assert place(view).z == 2.0
-    view.apply([update("L1", 1, 1.0, cabin(0.5), came="A")._replace(since=0)])  # the server begins again earlier
-    assert place(view).z == 0.5
-
-
 def test_a_rider_follows_its_cabin_when_the_elevator_gets_another_name() -> None:
     view = SystemView(HOUSE)
     view.apply([update("L1", 1, 1.0, cabin(2.0), came="A"), update("L2", 1, 1.0, cabin(2.0))])

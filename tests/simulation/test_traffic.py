@@ -498,5 +498,5 @@ class Traffic(RuleBasedStateMachine):
         self.areas.check(world.reservations.all(world.time), self.names)
 
 
-Traffic.TestCase.settings = settings(max_examples=45, stateful_step_count=40, deadline=None)
+Traffic.TestCase.settings = settings(max_examples=15, stateful_step_count=40, deadline=None)
 TestTraffic = Traffic.TestCase

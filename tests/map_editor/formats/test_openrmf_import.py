@@ -12,7 +12,7 @@ import pytest
 
 from robocorba.errors.maps import MapFileError
 from robocorba.map_editor import validation
-from robocorba.map_editor.checking import blocked, summaries
+from robocorba.map_editor.checking import blocked
 from robocorba.map_editor.formats import read_map
 from robocorba.map_editor.model import CabinSide, ElevatorDoor, PathEdge
 from tests.map_editor.formats.hostile import MISSING, changed
@@ -113,28 +113,6 @@ def test_keys_that_may_be_missing_or_have_other_names() -> None:
 
 
 @pytest.mark.parametrize(
-    ("lanes", "expected"),
-    [
-        (
-            [[8, 9, {"graph_idx": [2, 3]}], [9, 8, {"graph_idx": [2, 3]}]],
-            [PathEdge(name="start-n9", a="start", b="n9", graphs=("3",))],
-        ),
-        (
-            [[8, 9, {"graph_idx": [2, 0], "bidirectional": [4, True]}], [9, 8, {"graph_idx": [2, 1]}]],
-            [
-                PathEdge(name="start-n9", a="start", b="n9", graphs=("tiny",)),
-                PathEdge(name="n9-start", a="n9", b="start", one_way=True, graphs=("1",)),
-            ],
-        ),
-    ],
-)
-def test_opposite_lanes_of_one_graph_make_one_edge(lanes: Any, expected: list[PathEdge]) -> None:
-    data = small()
-    data["levels"]["L1"]["lanes"] = lanes
-    assert list(imported(data).building.floors["L1"].topological.edges.values()) == expected
-
-
-@pytest.mark.parametrize(
     ("x", "y", "motion", "side", "offset"),
     [
         (0.2, -0.9, 0.0, CabinSide.FRONT, 0.2),
@@ -168,21 +146,6 @@ def test_nothing_is_lost_to_a_lift_that_was_left_out() -> None:
     ]
     assert "outline: extended by the shafts of lifts: L1 lift" in result.losses
     assert "west-east" in result.building.floors["L1"].topological.edges
-
-
-def test_what_is_blocked_is_kept() -> None:
-    data = small()
-    level = data["levels"]["L1"]
-    level["vertices"] += [[100, 20, 0, "in_wall"], [50, 20, 0, "beside"], [150, 20, 0, "behind"]]
-    level["lanes"] += [[11, 12, {"graph_idx": [2, 0]}], [12, 13, {"graph_idx": [2, 0]}]]
-    result = imported(data)
-    assert validation.problems(result.building) == []
-    assert not [loss for loss in result.losses if loss.startswith("left out")]
-    assert {"in_wall", "beside", "behind"} <= result.building.floors["L1"].topological.nodes.keys()
-    assert summaries(blocked(result.building)) == (
-        "blocked nodes of L1 (1): in_wall (wall 'w4' near 5, -1)",
-        "blocked edges of L1 (2): in_wall-beside (wall 'w4' near 5, -1), beside-behind (wall 'w4' near 5, -1)",
-    )
 
 
 def test_what_breaks_a_rule_is_left_out_and_counted() -> None:

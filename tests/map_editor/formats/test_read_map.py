@@ -43,7 +43,7 @@ def test_what_is_no_map_is_refused(content: bytes, line: int, tmp_path: Path) ->
         read_map(tmp_path / "absent.yaml")
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=120, deadline=None)
 @given(st.data(), st.booleans(), st.sampled_from([*HOSTILE, "x" * 1_000_000]))
 def test_a_hostile_value_anywhere(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, is_ros: bool, change: Any

@@ -94,20 +94,6 @@ def _room() -> np.ndarray:
     return cells
 
 
-def test_outline_and_block_of_a_drawn_room(tmp_path: Path) -> None:
-    floor = read_map(write_ros(tmp_path, _room())).building.floors["map"]
-    outline = shapely.Polygon(floor.floor.outline)
-    assert outline.area == pytest.approx(8.0, rel=0.05)
-    assert outline.bounds == pytest.approx((0.5, 0.5, 4.5, 2.5), abs=0.06)
-    assert floor.geometrical.objects["block1"].at == pytest.approx((2.2, 1.8), abs=0.25)
-    assert floor.geometrical.walls == {}
-    turned = read_map(write_ros(tmp_path, _room(), origin=[10.0, 20.0, math.pi / 2])).building.floors["map"]
-    assert shapely.Polygon(turned.floor.outline).bounds == pytest.approx((7.5, 20.5, 9.5, 24.5), abs=0.06)
-    plain = read_map(write_ros(tmp_path, _room(), mode="trinary")).building
-    for missing in ({"negate": False}, {"negate": None, "occupied_thresh": None, "free_thresh": None}):
-        assert read_map(write_ros(tmp_path, _room(), **missing)).building == plain
-
-
 @pytest.mark.parametrize("kind", ["P2", "16"])
 def test_other_kinds_of_pgm(kind: str, tmp_path: Path) -> None:
     path = write_ros(tmp_path, cells := _room())

@@ -128,7 +128,7 @@ def _polygons(region: np.ndarray, max_points: int = MAX_RING_POINTS) -> list[sha
     return [shapely.Polygon(solid.points) for solid in solids(region, max_points)[0]]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(REGIONS, st.sampled_from([8, MAX_RING_POINTS, MAX_RING_POINTS]))
 def test_any_region_is_covered_by_simple_polygons(region: np.ndarray, max_points: int) -> None:
     polygons, cells = _polygons(region, max_points), _squares(region)

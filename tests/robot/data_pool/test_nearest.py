@@ -93,24 +93,6 @@ def _scenes() -> list[Place]:
 SCENES = _scenes()
 
 
-def test_open_doors_are_no_obstacle() -> None:
-    opening = crowd()
-    opening.world.add(robot("caller", "L2", 5.0, 2.0))
-    opening.world.elevators.call("caller", "E1", "L1")
-    while opening.world.elevators.states["E1"].doors is not Doors.OPENING:
-        opening.run(0.02)
-    for place, floor, is_open in (
-        (SCENES[0], "L2", False),
-        (opening, "L2", False),
-        (SCENES[3], "L2", True),
-        (SCENES[3], "L1", False),
-    ):
-        pool = place.loaded_pool(floor, "R3")
-        before_door = pool.snapshot().nearest_non_robot(5.0, 3.9)
-        assert before_door and before_door.name == "E1"
-        assert before_door.distance_m == pytest.approx(math.hypot(0.5, 0.1) if is_open else 0.1, abs=1e-5)
-
-
 def test_an_empty_floor_has_no_obstacles_and_a_wall_far_away_is_found() -> None:
     empty = Building("plain", {"L1": FloorMap(Floor("L1", 1, 0.0))})
     pool = Place(empty).loaded_pool()

@@ -163,22 +163,6 @@ def test_readers_never_see_two_floors_at_once() -> None:
     assert same(pool, place)
 
 
-def test_only_what_moved_is_sent() -> None:
-    place = populated("A", "B")
-    pool = place.loaded_pool()
-    before = pool.snapshot()
-    place.drive("B", 0.1)
-    pool.follow()
-    update = pool.snapshot().changes(before.version)
-    assert update.motions["number"].tolist() == [place.world.occupants.robots["B"].number]
-    assert (update.came, update.went, update.elevators) == ([], [], {})
-    now = pool.snapshot()
-    nothing = now.changes(now.version)
-    assert (nothing.since, nothing.version, len(nothing.motions)) == (now.version, now.version, 0)
-    assert nothing.time == now.time > before.time
-    assert before.changes(before.version).time == before.time  # a snapshot stays as it was
-
-
 def test_an_unknown_version_gets_the_whole_floor_and_memory_of_updates_is_bounded() -> None:
     place = populated("A")
     pool = place.pool()

@@ -9,54 +9,15 @@ import pytest
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.body import SmartPalBody
 from robocorba.robot.kinematics.pose import HandPose
-from robocorba.robot.kinematics.smartpal import ARM, HEIGHT_M, LUMBAR, Side
+from robocorba.robot.kinematics.smartpal import ARM, LUMBAR, Side
 
-from .postures import HOME, X, Y, Z, anywhere, at, shift, turn
+from .postures import HOME, X, Y, Z, anywhere, shift, turn
 
 
 def test_hands_against_a_product_of_matrices(body: SmartPalBody) -> None:
     for joints in [HOME, *anywhere(60, 3)]:
         for side in Side:
             assert body.hand(side, joints).distance(by_matrices(side, joints)) == pytest.approx((0, 0), abs=1e-9)
-
-
-def test_links_stand_where_the_figures_say(body: SmartPalBody) -> None:
-    links = body.links(HOME)
-    assert set(links) == {"base", "waist", "trunk", "head"} | {
-        f"{side.value}_{part}" for side in Side for part in ("upper_arm", "forearm", "hand", "finger")
-    }
-    assert links["right_upper_arm"][0] == pytest.approx([-0.025, -0.2, 1.1265])
-    assert links["right_forearm"][0] == pytest.approx([-0.045, -0.2, 0.8765])
-    assert links["right_hand"][0] == pytest.approx([-0.025, -0.2, 0.5965])
-    assert links["head"][0][2] < HEIGHT_M
-    assert links["trunk"][1] == pytest.approx([1, 0, 0, 0])
-    leaning = body.links(at(lumbar_upper=60))
-    assert leaning["trunk"][1] == pytest.approx([math.cos(math.pi / 6), 0, math.sin(math.pi / 6), 0])
-    assert leaning["head"][0][0] > 0.4  # ahead
-    assert links["trunk"][1][0] == 1.0  # what was answered before stays
-
-
-@pytest.mark.parametrize(
-    ("degrees", "pair"),
-    [
-        ({}, None),
-        ({"left_4": 90}, None),
-        ({"left_2": -90, "right_2": -90}, None),
-        ({"left_1": 180, "right_1": 180}, None),
-        ({"left_grip": -58}, None),
-        ({"left_2": 14.5}, {"left_forearm", "trunk"}),
-        ({"right_3": 90, "right_4": 90}, {"right_forearm", "trunk"}),
-        (
-            {"left_1": 90, "right_1": 90, "left_2": 14.5, "right_2": 14.5, "left_7": -20, "right_7": -20},
-            {"left_hand", "right_hand"},
-        ),
-        ({"lumbar_upper": 60, "left_1": 45}, {"left_hand", "base"}),
-        ({"left_1": 180, "left_3": 90, "left_4": 120}, {"left_forearm", "head"}),
-    ],
-)
-def test_what_runs_into_what(body: SmartPalBody, degrees: dict[str, float], pair: set[str] | None) -> None:
-    found = [set(each) for each in body.collisions(at(**degrees))]
-    assert pair in found if pair else found == []
 
 
 def test_poses_there_and_back_and_how_far_they_are_apart(body: SmartPalBody) -> None:

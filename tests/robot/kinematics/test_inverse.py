@@ -30,7 +30,7 @@ READY = at()
 READY[ARM[Side.LEFT]] = READY[ARM[Side.RIGHT]] = POSTURES["ready"]
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(SIDES, SEEDS)
 def test_where_a_hand_can_be_it_gets_also_without_an_attitude(side: Side, seed: int) -> None:
     truth = HOME.copy()
@@ -66,7 +66,7 @@ def test_nearly_all_poses_of_clear_postures_are_reached_clear() -> None:
         assert solved >= 0.99 * asked
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(SIDES, SEEDS, SEEDS)
 def test_from_anywhere_with_the_lumbar(side: Side, seed: int, other: int) -> None:
     truth, start = anywhere(1, seed)[0], anywhere(1, other)[0]
@@ -77,7 +77,7 @@ def test_from_anywhere_with_the_lumbar(side: Side, seed: int, other: int) -> Non
     assert np.array_equal(found[untouched], start[untouched])
 
 
-@settings(max_examples=100, deadline=None, derandomize=True)
+@settings(max_examples=40, deadline=None, derandomize=True)
 @given(SEEDS)
 def test_both_hands_at_once(seed: int) -> None:
     truth = anywhere(1, seed)[0]
@@ -89,7 +89,7 @@ def test_both_hands_at_once(seed: int) -> None:
     assert np.array_equal(found[LUMBAR], HOME[LUMBAR])
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(SIDES, st.floats(0.75, 3.0), st.floats(0, math.tau), st.floats(-1.5, 1.5))
 def test_what_is_out_of_reach_is_refused(side: Side, far: float, bearing: float, up: float) -> None:
     """Farther from the shoulder than the arm is long."""

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from robocorba.errors.robots import MotionFailed
-from robocorba.robot.motion.driving import ARRIVED_M, ARRIVED_RAD, CORNER_TOLERANCE_M, Drive, DriveBy
+from robocorba.robot.motion.driving import ARRIVED_M, ARRIVED_RAD, CORNER_TOLERANCE_M, Drive
 from robocorba.robot.motion.motion import Motion
 from robocorba.robot.motion.robot_state import RobotState
 from robocorba.simulation.physics import Limits
@@ -79,16 +79,6 @@ def test_corners_are_cut_no_more_than_allowed_and_speed_limits_of_segments_are_k
     assert max(speed for x, speed in steps if 2.0 < x < 3.9) <= 0.3 + 1e-6
     assert max(speed for x, speed in steps if x < 2.0) > 0.8
     assert max(speed for x, speed in steps if x > 4.0) > 0.8
-
-
-def test_it_turns_to_its_direction_of_travel_and_relative_drives_are_in_its_frame() -> None:
-    base = Base()
-    base.run(Drive([(4.0, 4.0)], None, 0.5, LIMITS))
-    assert base.state.heading == pytest.approx(math.pi / 4, abs=0.02)
-    base = Base(1.0, 2.0, math.pi / 2)
-    base.run(DriveBy(1.0, 0.5, -math.pi / 2, 0.5, LIMITS))
-    assert (base.state.x, base.state.y) == pytest.approx((0.5, 3.0), abs=ARRIVED_M)
-    assert base.state.heading == pytest.approx(0.0, abs=ARRIVED_RAD)
 
 
 def test_a_stuck_robot_is_reported() -> None:

@@ -61,7 +61,7 @@ def test_what_the_schema_accepts_is_read_and_written_the_same(plain: dict[str, A
     assert built(python_source(program)) == program
 
 
-@settings(UNHURRIED, max_examples=150)
+@settings(UNHURRIED, max_examples=60)
 @given(malformed())
 def test_malformed_programs_are_refused_with_icon_and_parameter(wrong: Malformed) -> None:
     icon, parameter, reason = refusal(wrong.text)

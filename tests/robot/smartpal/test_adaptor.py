@@ -207,26 +207,3 @@ def test_the_odometry_goes_on_by_where_a_former_process_has_left_the_robot(units
         assert adaptor.start(arguments)
         adaptor.stop()
         assert places(units)[-1] == pose
-
-
-def test_a_robot_is_told_where_it_stands_when_it_is_started_first(units: Units) -> None:
-    """Later its odometry knows better than who gave the argument, unless the robot was switched off and on."""
-    body = SmartPalAdaptor(lambda naming: units, lambda: (4.0, 5.0, 0.6))
-    assert body.start(ARGUMENTS)
-    assert places(units) == [(4.0, 5.0, 0.6)]
-    adaptor = SmartPalAdaptor(lambda naming: units, lambda: (4.0, 5.0, 0.6))
-    again = [*ARGUMENTS, "--pose=7,8,0.9"]
-    assert adaptor.start(again)
-    assert places(units)[1:] == [(7.0, 8.0, 0.9)]
-    units.odometry = 9.0, 8.0, 3.1
-    adaptor.read(RobotState())
-    adaptor.stop()
-    units.odometry = 9.1, 8.0, -3.1  # it braked
-    assert adaptor.start(again)
-    assert len(places(units)) == 2
-    adaptor.read(RobotState())
-    for odometry in ((0.0, 0.0, 0.0), (9.1, 8.0, 0.0)):
-        adaptor.stop()
-        units.odometry = odometry
-        assert adaptor.start(again)
-        assert places(units)[-1] == (9.1, 8.0, -3.1)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from robocorba.map_editor.samples import sample_path
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.robot.kinematics.smartpal import ARM, MASS_KG, Side
-from robocorba.robot.smartpal_stand_in.dynamics import BASE_AXES, JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
+from robocorba.robot.smartpal_stand_in.dynamics import JOINT_NOISE_RAD, SERVO_LAG_S, STEP_S, Dynamics
 from robocorba.robot.smartpal_stand_in.robot import SmartPal
 from robocorba.robot.smartpal_stand_in.setpoint import Setpoint
 from robocorba.servers.smartpal import world_of
@@ -60,19 +60,6 @@ def test_the_same_seed_and_orders_give_the_same_run_and_encoders_err() -> None:
 
     first = end(5)
     assert np.array_equal(first, end(5)) and not np.array_equal(first, end(6))
-
-
-def test_a_jammed_axis_does_not_move() -> None:
-    dynamics = Dynamics()
-    first = len(BASE_AXES)
-    dynamics.jam(slice(first, first + 1), True)
-    dynamics.joints[:2] = 0.3, -0.3
-    steps(dynamics, 0.5)
-    assert abs(dynamics.state.true_joints[0]) < 0.005
-    assert dynamics.state.true_joints[1] == pytest.approx(-0.3, abs=0.01)
-    dynamics.jam(slice(first, first + 1), False)
-    steps(dynamics, 0.5)
-    assert dynamics.state.true_joints[0] == pytest.approx(0.3, abs=0.01)
 
 
 @pytest.mark.parametrize("direction", [0.0, 1.0, 2.5, math.pi])

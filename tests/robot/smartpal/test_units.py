@@ -390,18 +390,6 @@ def test_a_line_is_straight_and_ends_where_it_shall(side: Side) -> None:
     assert end[6] == pytest.approx(start[6] + 10.0, abs=0.3)
 
 
-def test_a_line_that_no_joint_can_follow_as_fast_is_slower() -> None:
-    arm, robot = arm_and_robot(True)
-    start = arm.control_point(arm.command)
-    slow = [*start[:5], start[5] + 20.0]
-    assert arm.move_line(False, slow, start[6], (700.0, 90.0)) in (OK, ReturnCode.SPEED_WARNING)
-    fast = arm.move_line(True, [-250.0, 0.0, 0.0, 0.0, 0.0, 0.0], 0.0, (700.0, 90.0))
-    assert fast is ReturnCode.SPEED_WARNING
-    for _ in range(200):
-        run(robot, 0.01)
-        assert np.abs(robot.dynamics.joint_velocities[ARM[Side.LEFT]]).max() <= math.radians(90.0) * 1.01
-
-
 def test_frames_of_lines_and_a_control_point_that_is_moved() -> None:
     arm, _ = arm_and_robot(True)
     start = arm.control_point(arm.command)
@@ -484,12 +472,3 @@ def test_axes_go_where_they_shall(order: Callable[[SmartPal], ReturnCode], ends:
     settle(robot)
     assert unit.feedback == pytest.approx(ends, abs=0.1)
     assert unit.command == pytest.approx(ends, abs=1e-9)
-
-
-def test_the_lumbar_takes_a_new_target() -> None:
-    robot = ready()
-    robot.lumbar.move([None, 60.0], 30.0, 60.0)
-    run(robot, 0.2)
-    assert robot.lumbar.move([-2.0, 5.0], 30.0, 60.0) is OK
-    settle(robot)
-    assert robot.lumbar.feedback == pytest.approx([-2.0, 5.0], abs=0.05)

@@ -41,7 +41,7 @@ moves = st.lists(st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0), st.intege
 
 
 @given(moves, st.floats(-math.pi, math.pi))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=20, deadline=None)
 def test_a_base_touches_and_does_not_enter_and_each_contact_counts_once(
     drives: list[tuple[float, float, int]], heading: float
 ) -> None:
