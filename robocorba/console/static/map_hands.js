@@ -11,8 +11,7 @@ const NUDGE_MS = 400;
 const FIELDS = "form, input, select, textarea";
 const BUTTONS = "button, a, [role=tab]";
 const BUTTON_KEYS = ["Enter", " ", "Delete", "Backspace", "ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown"];
-// What a key means is done, whatever that answers.
-const handled = () => true;
+const handled = () => true; // whatever an action answers
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 
 export class MapHands {
