@@ -185,7 +185,7 @@ def plain(report: RunReport) -> Run:
 
 
 TestLife = Life.TestCase
-TestLife.settings = settings(max_examples=6, stateful_step_count=20, deadline=None)
+TestLife.settings = settings(max_examples=12, stateful_step_count=20, deadline=None)
 
 
 def test_pages_limits_other_files_and_a_program_of_another_release(tmp_path: Path) -> None:
