@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_866,
+    "lines of code": 52_861,
     "classes": 976,
     "upper-case names of modules": 1_073,
     "kernels": 66,
@@ -25,7 +25,7 @@ AT_MOST = {
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
 LINES_AT_MOST = {"tests": 54_150, "testkit": 7_146, "bench": 9_894, "robocorba/console/static": 11_865}
-WORDS_AT_MOST = {"docs": 31_999, "README.md": 930, "CHANGELOG.md": 2_150}
+WORDS_AT_MOST = {"docs": 31_999, "README.md": 929, "CHANGELOG.md": 2_150}
 
 
 @functools.cache

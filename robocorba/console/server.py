@@ -261,6 +261,10 @@ class _Server(uvicorn.Server):
         super().__init__(config)
         self._host = host if ":" not in host else f"[{host}]"
 
+    def handle_exit(self, sig: int, frame: object) -> None:
+        """End the server; uvicorn would raise the signal again then, and end the process by it."""
+        self.should_exit = True
+
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
         if self.started and sockets:
