@@ -77,7 +77,7 @@ class Console:
             self.recordings.open(settings.recording, settings.recording.name)
         self.viewers = Viewers(self.state, settings.viewers)
         self.floors = LiveFloors(orb, self.history, self.viewers.notify)
-        self.plans = LivePlans(orb, self.viewers.notify)
+        self.plans = LivePlans(orb, self.viewers.notify, self.history.rename)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.scans = live_scans(orb)
         self.sensors = LiveSensors(

@@ -541,20 +541,14 @@ class SmartPalSettings:
         parser = ServerSettings.parser(description)
         parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
         for coordinate in ("x", "y", "heading"):
-            parser.add_argument(
-                f"--{coordinate}", type=float, default=0.0, metavar="N", help="initial odometry [m, rad]"
-            )
+            odometry = "initial odometry [m, rad]"
+            parser.add_argument(f"--{coordinate}", type=float, default=0.0, metavar="N", help=odometry)
         servo = "whether motors hold again once the alarms of a fault are cleared"
         parser.add_argument("--servo-after-fault", choices=("on", "off"), default="on", help=servo)
         unlock = "what unlocks the base: power off and on too, or only its operation"
         parser.add_argument("--unlock", choices=("power", "unlock"), default="power", help=unlock)
-        parser.add_argument(
-            "--limit-slack",
-            type=float,
-            default=1e-7,
-            metavar="SHARE",
-            help="share by which speeds may exceed their limits",
-        )
+        slack = "share by which speeds may exceed their limits"
+        parser.add_argument("--limit-slack", type=float, default=1e-7, metavar="SHARE", help=slack)
         parser.add_argument("--world", type=Path, metavar="FILE", help="map that its sensors see")
         parser.add_argument("--world-floor", default="", metavar="NAME", help="floor of that map; default: the first")
         where = ("X", "Y", "HEADING")

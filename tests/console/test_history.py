@@ -107,11 +107,12 @@ def test_looking_back_shows_the_moment_before() -> None:
     history = history_of((10.0, 1.0), (11.0, 2.0), (12.0, 3.0))
     assert [x_at(history, at) for at in (0.0, 10.0, 10.9, 11.0, 11.5, 99.0)] == [1.0, 1.0, 1.0, 2.0, 2.0, 3.0]
     assert (history.span(), history.floors, History().span()) == ((10.0, 12.0), ["L1"], (0.0, 0.0))
-    header, _ = read(history.frame("L1", 10.0))
+    history.rename({"L1": "Ground"})
+    header, _ = read(history.frame("Ground", 10.0))
     assert header["whole"] and header["elevators"]["E"]["riders"] == ["A"]
     for look in (history.frame, lambda floor, at: history.between(floor, 0.0, at)):
         with pytest.raises(UnknownFloor):
-            look("L9", 1.0)
+            look("L1", 1.0)
     history = history_of((10.0, 1.0), (10.0 + INTERVAL_S / 2, 2.0), (10.0 + INTERVAL_S, 3.0))
     assert [x_at(history, at) for at in (10.0 + INTERVAL_S / 2, 11.0)] == [1.0, 3.0]
     assert history_of((10.0, 1.0), (15.0, 2.0), (21.0, 3.0), kept_s=10.0).span() == (15.0, 21.0)

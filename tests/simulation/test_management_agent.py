@@ -125,8 +125,8 @@ def test_settings_that_cannot_be_stored_take_no_others_back(
     with pytest.raises(ServiceError):
         agent.configure(pace=2.0)
     other.join(60.0)
-    assert (agent.state.pace, agent.state.is_paused) == (1.0, True)
-    assert store.settings() == AdministratorSettings(300, 1.0, paused=True)
+    kept = AdministratorSettings(300, 1.0, paused=True)
+    assert (agent.state.pace, agent.state.is_paused, store.settings()) == (1.0, True, kept)
 
 
 def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: ManagementAgent) -> None:
