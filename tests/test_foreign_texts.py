@@ -22,6 +22,7 @@ from rich.table import Table
 from robocorba.errors.files import LimitExceeded
 from robocorba.errors.services import NotReachable
 from robocorba.system.decoding import convert, decode_json, decode_msgpack, read_text
+from robocorba.system.instances import port_to_start
 from robocorba.system.plain_names import PlainNames, names_in, plain_name
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import (
@@ -94,9 +95,9 @@ def test_an_instance_wins_over_variables_and_yields_to_options(tmp_path: Path, m
     (folder / "up.json").unlink()
     with pytest.raises(NotReachable, match="'anna' does not run"):
         Settings.read()
-    assert Settings.read(is_start=True).naming.port > 2809
+    assert Settings.read(choose_port=port_to_start).naming.port > 2809
     (folder / "ports.json").write_text('{"naming": 12345}')
-    assert Settings.read(is_start=True).naming.port == 12345
+    assert Settings.read(choose_port=port_to_start).naming.port == 12345
     for wrong in ("", "a/b", "ä", "x" * 61):
         with pytest.raises(InvalidSetting, match="--instance"):
             choose_instance(wrong)
@@ -219,9 +220,6 @@ def test_names_are_allowed_unique_and_stay(names: list[str]) -> None:
     assert all(re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) and "__" not in name for name in found)
     assert len(set(found)) == len(names)
     assert [ros[name] for name in names] == found
-
-
-def test_names_that_ros_allows_stay() -> None:
     names = [plain_name(name) for name in ("A", "robot_7", "2nd floor", "l'été", "a--b")]
     assert names == ["A", "robot_7", "_2nd_floor", "l_t_", "a_b"]
     assert (names_in("A, B,"), names_in("")) == ({"A", "B"}, None)

@@ -8,7 +8,7 @@ from robocorba.console.settings import ConsoleSettings
 from robocorba.system.extras import require_extra
 
 
-@forwarding("robocorba.clients.console", ConsoleSettings.parser())
+@forwarding("robocorba.clients.console", ConsoleSettings.add_arguments)
 def console() -> None:
     """Serve the operator's console to browsers and print its address. Ctrl-C or SIGTERM ends it."""
     with reporting("console"):

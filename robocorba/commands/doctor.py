@@ -20,6 +20,7 @@ from robocorba.commands.tables import Sheet, print_json, show
 from robocorba.orb.orb import OMNIORB, Orb
 from robocorba.system.endpoints import is_free, user_of
 from robocorba.system.extras import missing
+from robocorba.system.instances import port_to_start
 from robocorba.system.kernel_store import store
 from robocorba.system.names import CHANNELS
 from robocorba.system.settings import Address, Settings
@@ -35,7 +36,7 @@ def doctor(json: Json = False, naming: Naming = None, state: State = None) -> No
 
     Exit code 0 if nothing is wrong, else 1."""
     with reporting("doctor"):
-        settings = Settings.read(naming=naming, state=state, is_start=True)
+        settings = Settings.read(naming=naming, state=state, choose_port=port_to_start)
         record = StateFolder(settings.state).read_record()
         facts, processes, channels = [*_versions(), *_machine(), *_places(settings)], [], {}
         if record is not None and record.is_alive:

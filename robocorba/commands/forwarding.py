@@ -11,15 +11,19 @@ from typing import Annotated, Any
 import typer
 
 from robocorba.commands.options import COMPLETIONS
+from robocorba.system.settings import AddArgument
 from robocorba.system.supervision.launch import module_command
 
 
-def forwarding(module: str, parser: argparse.ArgumentParser) -> Callable[[Callable[[], None]], Callable[..., None]]:
-    """Turns a function into a command with the options of a module's parser, which calls the function and then runs the
-    module in place of this process. A module with an argument also gets what follows `--`."""
+def forwarding(
+    module: str, add_arguments: Callable[[AddArgument], None]
+) -> Callable[[Callable[[], None]], Callable[..., None]]:
+    """Turns a function into a command with a module's arguments, which calls the function and then runs the module in
+    place of this process. A module with an argument that is no option also gets what follows `--`."""
 
     def decorate(prepare: Callable[[], None]) -> Callable[..., None]:
-        actions = [action for action in parser._actions if action.dest != "help"]
+        add, actions = argparse.ArgumentParser().add_argument, list[argparse.Action]()
+        add_arguments(lambda *names, **options: actions.append(add(*names, **options)))
         parameters = [
             Parameter(action.dest, Parameter.KEYWORD_ONLY, default=default, annotation=kind)
             for action in actions

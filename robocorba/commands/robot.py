@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from robocorba.orb.orb import Orb
 
 
-@forwarding("robocorba.clients.robot", RobotSettings.parser())
+@forwarding("robocorba.clients.robot", RobotSettings.add_arguments)
 def robot() -> None:
     """Start a robot, log it on and bind it as RoboCorba/Robots/NAME. Ctrl-C or SIGTERM ends it."""
 

@@ -21,6 +21,7 @@ from robocorba.system.corba.servers import servers
 from robocorba.system.corba.subnets import default_subnets, parse_subnets, remove_former_links, subnets_of_map
 from robocorba.system.endpoints import user_of
 from robocorba.system.extras import require_extra
+from robocorba.system.instances import port_to_start
 from robocorba.system.names import CONSOLE
 from robocorba.system.printing import Console, echo, line
 from robocorba.system.settings import DEFAULT_HOST, Address, InvalidSetting, Settings, accept_rule
@@ -83,7 +84,7 @@ def up(
     only_for("--console", console, context, "console_port")
     only_for("a --hang-limit above 0", hang_limit, context, "spare_stopped")
     with reporting("up"):
-        settings = Settings.read(state=state, is_start=True)
+        settings = Settings.read(state=state, choose_port=port_to_start)
         if console_port is None:
             console_port = 0 if settings.instance else DEFAULT_PORT
         naming = Address.checked(

@@ -115,6 +115,15 @@ class History:
             self._bytes += older._bytes
             self._forget(max(moments[-1].at for moments in self._moments.values() if moments))
 
+    def rename(self, names: Mapping[str, str]) -> None:
+        """Floors have other names now, by those that they had; their past has these, too."""
+        with self._lock:
+            former, self._moments = self._moments, {}
+            for floor, moments in former.items():
+                self._moments.setdefault(names.get(floor, floor), []).extend(moments)
+            for moments in self._moments.values():  # some were added by the new name already
+                moments.sort(key=lambda moment: moment.at)
+
     def gaps(self) -> list[tuple[float, float]]:
         """POSIX times between which nothing is known [s]."""
         epoch = self.epoch()

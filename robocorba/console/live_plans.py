@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 from robocorba.console.floor_plan import floor_plan
 from robocorba.console.following import Following
@@ -17,11 +17,13 @@ from robocorba.orb.orb import Orb
 
 
 class LivePlans(Following):
-    """Floor plans of the map editor's building. Thread-safe."""
+    """Floor plans of the map editor's building. Thread-safe.
 
-    def __init__(self, orb: Orb, changed: Callable[[], None]) -> None:
+    renamed: called with the present names of floors, by those that they had, when a name has gone."""
+
+    def __init__(self, orb: Orb, changed: Callable[[], None], renamed: Callable[[Mapping[str, str]], None]) -> None:
         super().__init__("console map", 0.25, changed, "connecting")
-        self._orb = orb
+        self._orb, self._renamed = orb, renamed
         self._lock = threading.Lock()
         self._map: RemoteMap | None = None
         self._building = Building("")
@@ -51,6 +53,8 @@ class LivePlans(Following):
                 self._map = RemoteMap(self._orb, RESOLVE_TIMEOUT_S, with_topology=True)
             elif not self._map.follow():
                 return False
+            if self._building.floors.keys() - self._map.building.floors:
+                self._renamed(self._map.lineage(self.version).floors(self._map.building.floors))
         except NotReachable:
             self._map = None
             raise

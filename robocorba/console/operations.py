@@ -58,7 +58,7 @@ class Operations:
         """Emergency stop of a robot."""
         for verdict in stop_robots(self._orb, (robot,), self._addresses()):
             if not verdict.stands:
-                raise NotReachable(f"{robot}: {verdict.text}")
+                raise NotReachable(verdict.text)
 
     def reset_all(self) -> dict[str, str]:
         """End the stop of all robots; robots that stay stopped, with the reason."""

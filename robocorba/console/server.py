@@ -77,7 +77,7 @@ class Console:
             self.recordings.open(settings.recording, settings.recording.name)
         self.viewers = Viewers(self.state, settings.viewers)
         self.floors = LiveFloors(orb, self.history, self.viewers.notify)
-        self.plans = LivePlans(orb, self.viewers.notify)
+        self.plans = LivePlans(orb, self.viewers.notify, self.history.rename)
         database = RemoteDatabase(orb, RESOLVE_TIMEOUT_S)
         self.scans = live_scans(orb)
         self.sensors = LiveSensors(
@@ -260,6 +260,10 @@ class _Server(uvicorn.Server):
     def __init__(self, config: uvicorn.Config, host: str) -> None:
         super().__init__(config)
         self._host = host if ":" not in host else f"[{host}]"
+
+    def handle_exit(self, sig: int, frame: object) -> None:
+        """End the server; uvicorn would raise the signal again then, and end the process by it."""
+        self.should_exit = True
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)

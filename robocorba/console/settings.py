@@ -15,7 +15,7 @@ from pathlib import Path
 
 from robocorba.system.decoding import read_text
 from robocorba.system.names import SUPERVISOR
-from robocorba.system.settings import Address, InvalidSetting, Settings, add_common_options
+from robocorba.system.settings import AddArgument, Address, InvalidSetting, Settings, add_common_options
 
 #: Default port of the console.
 DEFAULT_PORT = 8800
@@ -55,48 +55,39 @@ class ConsoleSettings:
         return frozenset({self.host}) | (LOOPBACK_HOSTS if Address(self.host, 1).is_loopback else frozenset())
 
     @staticmethod
-    def parser(description: str = "") -> argparse.ArgumentParser:
-        """The parser for the console's arguments."""
-        parser = argparse.ArgumentParser(prog="robocorba console", description=description, allow_abbrev=False)
-        parser.add_argument("--host", default="127.0.0.1", metavar="H", help="address to listen on; default: 127.0.0.1")
-        parser.add_argument(
-            "--port", type=int, default=DEFAULT_PORT, metavar="N", help="port, 0 for any free one; default: 8800"
-        )
-        parser.add_argument(
-            "--password-file", type=Path, metavar="FILE", help="file with the users' password in line 1"
-        )
-        parser.add_argument("--certificate", type=Path, metavar="FILE", help="PEM certificate, to serve HTTPS")
-        parser.add_argument("--key", type=Path, metavar="FILE", help="PEM key of --certificate")
-        parser.add_argument(
+    def add_arguments(add: AddArgument) -> None:
+        add("--host", default="127.0.0.1", metavar="H", help="address to listen on; default: 127.0.0.1")
+        add("--port", type=int, default=DEFAULT_PORT, metavar="N", help="port, 0 for any free one; default: 8800")
+        add("--password-file", type=Path, metavar="FILE", help="file with the users' password in line 1")
+        add("--certificate", type=Path, metavar="FILE", help="PEM certificate, to serve HTTPS")
+        add("--key", type=Path, metavar="FILE", help="PEM key of --certificate")
+        add(
             "--administrator",
             type=Path,
             metavar="FILE",
             help="administrator.ior of the state folder, to let users pause, evict and place robots",
         )
-        parser.add_argument(
+        add(
             "--supervisor",
             type=Path,
             metavar="FILE",
             help="reference to start robots and show processes by; default: supervisor.ior of the state folder",
         )
-        parser.add_argument("--recording", type=Path, metavar="FILE", help="recording to offer too")
-        parser.add_argument(
-            "--viewers", type=int, default=DEFAULT_VIEWERS, metavar="N", help="limit of open pages; default: 64"
-        )
-        parser.add_argument(
+        add("--recording", type=Path, metavar="FILE", help="recording to offer too")
+        add("--viewers", type=int, default=DEFAULT_VIEWERS, metavar="N", help="limit of open pages; default: 64")
+        add(
             "--pin-file", type=Path, metavar="FILE", help="file with PINs of robots' panels: a line `NAME PIN` for each"
         )
-        parser.add_argument(
-            "--programs", type=Path, metavar="DIR", help="folder of programs to offer besides the samples"
-        )
-        add_common_options(parser)
-        return parser
+        add("--programs", type=Path, metavar="DIR", help="folder of programs to offer besides the samples")
+        add_common_options(add)
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> ConsoleSettings:
-        """From the arguments of `parser`. Asks for a password where one is needed and none is given. Raises
+        """From the arguments of `add_arguments`. Asks for a password where one is needed and none is given. Raises
         InvalidSetting; SystemExit with a usage line for unknown arguments."""
-        given = cls.parser(description).parse_args(arguments)
+        parser = argparse.ArgumentParser(prog="robocorba console", description=description, allow_abbrev=False)
+        cls.add_arguments(parser.add_argument)
+        given = parser.parse_args(arguments)
         if given.port:
             Address.checked(given.host, given.port, "--host or --port")
         else:

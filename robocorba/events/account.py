@@ -38,7 +38,8 @@ class LinkEnd(NamedTuple):
     problem: why it is down, empty while it is up. joins: number of sessions since the start. interest: of the end that
     receives. lag_s: of a feed the age of the oldest queued event [s], of a gateway the latency of the last event, from
     its creation to its arrival [s]. packets, bytes: those that arrived since the start, each once. unseen: number of
-    events that the peer did not want. round_trip_s: of a gateway, the shortest of its latest calls [s]."""
+    events that the peer did not want. round_trip_s: of a gateway, the shortest of its latest calls [s]. warning: what
+    the link lacks although it is up."""
 
     problem: str
     joins: int
@@ -49,6 +50,7 @@ class LinkEnd(NamedTuple):
     bytes: int = 0
     unseen: int = 0
     round_trip_s: float = 0.0
+    warning: str = ""
 
     @property
     def is_up(self) -> bool:

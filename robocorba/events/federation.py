@@ -23,7 +23,8 @@ from typing import NamedTuple
 from robocorba.errors.events import InvalidPeer
 from robocorba.events.subscription import MAX_UNION, Pattern
 
-#: Maximum number of channels in a federation.
+#: Maximum number of channels in a federation. Where two that were joined have more, each channel goes on with the
+#: nearest ones.
 MAX_CHANNELS = 256
 #: The bits of a version that name the life.
 LIFE_BITS = 32
@@ -130,6 +131,8 @@ class Federation:
         self.name, self._life = name, life
         #: The peer by which each reachable channel is reached, as ordered by their distance; itself by "".
         self.next_peers: dict[str, str] = {}
+        #: The peer by which each channel is reached that is one too many: no events go there.
+        self.left_out: dict[str, str] = {}
         self._max_channels = max_channels
         #: Includes channels that are unreachable now. They are ignored, but kept: nobody would send them again.
         self._advertisements = {entry.name: entry for entry in known}
@@ -186,9 +189,10 @@ class Federation:
             changed = True
             if known and known.life != entry.life:
                 self._note_life(known, entry)
-            if known is None and len(self._advertisements) >= self._max_channels:
-                self._advertisements = {reachable.name: reachable for reachable in self.advertisements}
-                if len(self._advertisements) >= self._max_channels:
+            if known is None and len(self._advertisements) >= 2 * self._max_channels:
+                reachable = self.next_peers.keys() | self.left_out.keys()
+                self._advertisements = {name: kept for name, kept in self._advertisements.items() if name in reachable}
+                if len(self._advertisements) >= 2 * self._max_channels:
                     continue
             self._advertisements[entry.name] = entry._replace(interest=entry.interest[:MAX_UNION])
             self._listed = None
@@ -196,6 +200,12 @@ class Federation:
         if links_changed:
             self._find_paths()
         return self._reassert() or changed
+
+    def excess(self, peer: str) -> str:
+        """Which channels that `peer` leads to are too many; empty if none is."""
+        names = sorted(name for name, first in self.left_out.items() if first == peer)
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        return f"without {', '.join(names[:3])}{more}: the maximum is {self._max_channels} channels" if names else ""
 
     def conflicts(self) -> dict[str, str]:
         """The names that two channels have, and why no link with these can be up."""
@@ -253,15 +263,16 @@ class Federation:
         path to a channel is part of all paths that lead through it."""
         known = self._advertisements
         peers = {name: frozenset(entry.peers) for name, entry in known.items()}
-        self.next_peers = {}
+        self.next_peers, self.left_out = {}, {}
         #: Length of the path, its next peer, and the channel at its end; the shortest one that has been found to each.
         ends = [(0, "", self.name)]
         best = {self.name: (0, "")}
         while ends:
             length, first, name = heapq.heappop(ends)
-            if name in self.next_peers:
+            if name in self.next_peers or name in self.left_out:
                 continue
-            self.next_peers[name] = first
+            is_one_too_many = len(self.next_peers) >= self._max_channels
+            (self.left_out if is_one_too_many else self.next_peers)[name] = first
             entry = known.get(name)
             for peer in entry.peers if entry else [other for other in known if name in peers[other]]:
                 is_down = entry is not None and peer in entry.down

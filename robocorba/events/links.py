@@ -24,8 +24,10 @@ from robocorba.events.feed import Feed, Forward
 from robocorba.events.foreign import Attach, ForeignLink
 from robocorba.events.gateway import FeedPort, Gateway
 from robocorba.events.policies import LinkPolicy
+from robocorba.events.proxy import ProxyCondition
 from robocorba.events.proxy_supplier import ProxySupplier
 from robocorba.events.subscription import is_covered, patterns_of
+from robocorba.events.traffic import ChannelTraffic
 
 _log = logging.getLogger(__name__)
 
@@ -64,7 +66,7 @@ class Links:
         self._links: dict[str, _Link] = {}
         self._foreign: dict[str, ForeignLink] = {}
         self._removed: set[str] = set()
-        self._has_conflicts = False
+        self._has_conflicts = self._has_excess = False
         self._lock = threading.RLock()  # guards the set of links
         self._saving = threading.Lock()  # older advertisements never replace newer ones in the store
 
@@ -167,11 +169,21 @@ class Links:
             name = link.peer.name
             with self._channel.lock:
                 feed, conflict = link.feed.snapshot(self._channel.federation.interest_of(name)), link.feed.conflict
+                excess = self._channel.federation.excess(name)
             gateway = link.gateway.snapshot()
             if conflict and gateway.is_up:
                 gateway = gateway._replace(problem=conflict)
-            result.append(LinkSnapshot(name, feed, gateway))
+            result.append(LinkSnapshot(name, feed._replace(warning=excess), gateway._replace(warning=excess)))
         return result + [LinkSnapshot(foreign.name, *foreign.snapshot()) for foreign in list(self._foreign.values())]
+
+    def traffic(self) -> ChannelTraffic:
+        """What the channel has counted and measured until now."""
+        ends = ((link.peer, link.gateway) for link in self.snapshots())
+        round_trips_s = {peer: end.round_trip_s for peer, end in ends if end.is_up and end.round_trip_s}
+        with self._channel.lock:
+            proxies = self._channel.proxy_suppliers.values()
+            calls_s = [(p.mean_s, p.fastest_s) for p in proxies if p.condition is ProxyCondition.CONNECTED]
+            return self._channel.traffic.read(calls_s, round_trips_s)
 
     # ---- called for peers ----
 
@@ -250,8 +262,13 @@ class Links:
     # ---- private ----
 
     def _note_conflicts(self) -> None:
-        """Hold back the events for channels whose name another one has, and all if this channel is one of them."""
+        """Hold back the events for channels whose name another one has, and all if this channel is one of them; log
+        when channels become too many."""
         federation = self._channel.federation
+        if not self._has_excess:
+            for peer in sorted(set(federation.left_out.values())):
+                _log.warning("the federation is too large, by %s: %s", peer, federation.excess(peer))
+        self._has_excess = bool(federation.left_out)
         conflicts = federation.conflicts()
         if conflicts or self._has_conflicts:
             for peer, feed in self._channel.feeds.items():

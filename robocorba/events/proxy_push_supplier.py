@@ -67,8 +67,6 @@ class ProxyPushSupplier(ProxySupplier):
         self._busy = False
         #: How many events a supplier's thread may deliver in one call; 0 before the first call of the proxy's thread.
         self._inline = 0
-        #: Mean and shortest duration of the latest calls [s], 0 before the first one.
-        self.mean_s = self.fastest_s = 0.0
         #: Events that arrive before this time are a flood [s, time.perf_counter].
         self._flood_until = 0.0
         self._thread: Background | None = None

@@ -38,6 +38,8 @@ class ProxySupplier(Proxy):
         self._correlators: dict[int, Correlator] = {}
         self.select(subscription)
         self._in_flight = 0
+        #: Mean and shortest duration of the latest calls to its consumer [s], 0 before the first one.
+        self.mean_s = self.fastest_s = 0.0
         #: Whether it let a supplier wait in vain since it last took an event.
         self._is_too_slow = False
         #: Whether a supplier waited longer for it than for a steady consumer, the last time.

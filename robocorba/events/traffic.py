@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import dataclasses
+import os
+import statistics
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,15 +50,26 @@ class TrafficCounter:
         self.service_s = 0.0
         self._origins: dict[str, OriginTraffic] = {}
 
-    @property
-    def origins(self) -> Mapping[str, OriginTraffic]:
-        return self._origins
-
     def of(self, origin: str) -> OriginTraffic:
         """The counters of an origin; beyond MAX_ORIGINS they are lost."""
         if len(self._origins) >= MAX_ORIGINS:
             return self._origins.get(origin, OriginTraffic())
         return self._origins.setdefault(origin, OriginTraffic())
+
+    def read(self, calls_s: Sequence[tuple[float, float]], round_trips_s: Mapping[str, float]) -> ChannelTraffic:
+        """calls_s: of each connected consumer the mean and shortest duration of the latest calls [s], 0 before the
+        first one. round_trips_s: see ChannelTraffic."""
+        called = [(mean_s, fastest_s) for mean_s, fastest_s in calls_s if mean_s]
+        return ChannelTraffic(
+            time.monotonic(),
+            {name: dataclasses.replace(one) for name, one in self._origins.items()},
+            len(calls_s),
+            statistics.fmean(mean_s for mean_s, _ in called) if called else 0.0,
+            min((fastest_s for _, fastest_s in called), default=0.0),
+            self.service_s,
+            os.getloadavg()[0] / (os.cpu_count() or 1),
+            round_trips_s,
+        )
 
     def note_service(self, took_s: float) -> None:
         self.service_s += (took_s - self.service_s) * (NEWEST_SHARE if self.service_s else 1.0)

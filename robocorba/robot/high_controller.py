@@ -121,6 +121,8 @@ class HighController:
         self._losses = StopLatch()
         #: The numbers of the stops and losses for which the adaptor was stopped.
         self._halted = (0, 0)
+        #: Why it is stopped, as the log says; one stop comes by several ways.
+        self._logged = ""
         self._lock = threading.Lock()
         #: Held during all calls of the adaptor except `stop`.
         self._adaptor_in_use = threading.Lock()
@@ -247,9 +249,9 @@ class HighController:
 
     def halt(self) -> None:
         """Stop the adaptor after a stop or a loss. The control loop does so, too, if its latch was set elsewhere."""
-        former, self._halted = self._halted, self._numbers
-        reason, is_lost = self.stopped, self.is_lost
-        if reason and former != self._halted:
+        self._halted, reason, is_lost = self._numbers, self.stopped, self.is_lost
+        if reason and reason != self._logged:
+            self._logged = reason
             _log.warning("stopped: %s", reason)
         self._stop_adaptor()
         if reason:
@@ -346,6 +348,8 @@ class HighController:
             self._is_beginning = False
         if self.stopped or self._closing.is_set():
             self._stop_adaptor()
+        else:
+            self._logged = ""
         self._woken.set()
         self._calls.on_stop()
 

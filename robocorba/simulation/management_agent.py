@@ -67,7 +67,8 @@ class ManagementAgent:
         self._lease_time = AttendedTime()
         self.registry = Registry(settings.limit, self._lease_time)
         self.registry.kept_out |= store.kept_out()
-        self._keeping_out = threading.Lock()
+        #: Held while an administrator's order is carried out and stored.
+        self._administering = threading.Lock()
         self.simulated = SimulatedBuilding(edited_map)
         self.database = OmniDatabase(self.simulated)
         self.database.map_version = map_version
@@ -156,7 +157,7 @@ class ManagementAgent:
         InvalidChoice, SimulationBusy, ServiceError."""
         if fault := name_fault(name):
             raise InvalidChoice("robot", fault)
-        with self._keeping_out:
+        with self._administering:
             if name not in self.registry.kept_out and len(self.registry.kept_out) >= MAX_KEPT_OUT:
                 raise InvalidChoice("robot", f"{MAX_KEPT_OUT} names are kept out already; admit some")
             self._store.keep_out(name)
@@ -168,7 +169,7 @@ class ManagementAgent:
 
     def admit(self, name: str) -> bool:
         """Let a name in again; whether it was kept out. Raises SimulationBusy, ServiceError."""
-        with self._keeping_out:
+        with self._administering:
             was_kept_out = name in self.registry.kept_out
             self._store.admit(name)
             self.loop.do(lambda: self.registry.kept_out.discard(name))
@@ -177,7 +178,7 @@ class ManagementAgent:
     @property
     def kept_out(self) -> list[str]:
         """The names that are kept out, sorted."""
-        with self._keeping_out:
+        with self._administering:
             return sorted(self.registry.kept_out)
 
     def robots_near(self, thing: str) -> list[str]:
@@ -225,18 +226,15 @@ class ManagementAgent:
         wanted = {"limit": limit, "pace": pace, "paused": is_paused}
         given = {name: value for name, value in wanted.items() if value is not None}
 
-        def change() -> tuple[AdministratorSettings, AdministratorSettings]:
+        with self._administering:  # what is stored last is what was applied last
             before = AdministratorSettings(self.registry.limit, self.loop.pace, self.loop.is_paused)
             after = msgspec.structs.replace(before, **given)
-            self._apply(after)
-            return before, after
-
-        before, after = self.loop.do(change)
-        try:
-            self._store.save_settings(after)
-        except ServiceError:
-            self.loop.do(lambda: self._apply(before))
-            raise
+            self.loop.do(lambda: self._apply(after))
+            try:
+                self._store.save_settings(after)
+            except ServiceError:
+                self.loop.do(lambda: self._apply(before))
+                raise
 
     def _apply(self, settings: AdministratorSettings) -> None:
         self.registry.limit = settings.limit

@@ -16,7 +16,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import ipaddress
-import json
 import math
 import os
 import re
@@ -26,12 +25,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
 
-import platformdirs
-
 from robocorba.errors.services import NotReachable, ServiceError
-from robocorba.system.claimed_ports import claimed_ports
 from robocorba.system.decoding import read_text
-from robocorba.system.names import ACCESS, PORTS
+from robocorba.system.instances import instance_folder, json_member
+from robocorba.system.names import ACCESS
 from robocorba.system.roles import Role
 
 DEFAULT_HOST = "127.0.0.1"
@@ -227,13 +224,13 @@ class Settings:
         state: Path | None = None,
         environment: Mapping[str, str] = os.environ,
         role: Role = Role.OPERATOR,
-        is_start: bool = False,
+        choose_port: Callable[[Path], str] | None = None,
     ) -> Settings:
         """Settings from arguments, environment and defaults. Raises InvalidSetting; NotReachable for an instance that
         does not run.
 
-        role: what this process is in a guarded system, if nothing says where its naming service is. is_start: this
-        process starts the system, so that an instance gets its former port, or a free one."""
+        role: what this process is in a guarded system, if nothing says where its naming service is. choose_port: of the
+        naming service of an instance that does not run, by its state folder; None where it has to run."""
         folder, instance = _state_folder(state, environment)
         variable = environment.get("ROBOCORBA_NAMING") or ""
         address, origin = (naming, "--naming") if naming else (variable, "ROBOCORBA_NAMING")
@@ -243,9 +240,12 @@ class Settings:
             origin = f"the state folder {folder}"
             if os.access(role_file(folder, role), os.R_OK):
                 return cls(RoleNaming.read(role_file(folder, role), "the state folder"), folder, origin, instance)
-            address = _member(folder / "up.json", "naming")
-        if not address and instance:
-            address = f"{DEFAULT_HOST}:{_port_of_instance(instance, folder, is_start)}"
+            address = json_member(folder / "up.json", "naming")
+        if not address and instance:  # ports of other systems must not be tried
+            if choose_port is None:
+                start = f"start it with `robocorba up --instance {instance}`"
+                raise NotReachable(f"instance {instance!r} does not run (state folder {folder}); {start}")
+            address = f"{DEFAULT_HOST}:{choose_port(folder)}"
         if not address:  # 2809 is the port registered for CORBA naming services
             origin, address = f"the default, as nothing runs in {folder}", f"{DEFAULT_HOST}:2809"
         return cls(Address.parse(address, origin), folder, origin, instance)
@@ -256,49 +256,26 @@ def state_folder(state: Path | None = None) -> Path:
     return _state_folder(state, os.environ)[0]
 
 
-def instance_folders() -> dict[str, Path]:
-    """The state folders of this user's instances by name."""
-    default = Path(platformdirs.user_state_dir("robocorba", False))
-    return {path.name.removeprefix("robocorba-"): path for path in sorted(default.parent.glob("robocorba-*"))}
-
-
 def _state_folder(state: Path | None, environment: Mapping[str, str]) -> tuple[Path, str]:
     """The state folder, and the instance that it belongs to if an instance is chosen, else empty."""
     if chosen := state or environment.get("ROBOCORBA_STATE"):
         return _folder(Path(chosen), "--state" if state else "ROBOCORBA_STATE"), ""
-    instance = environment.get("ROBOCORBA_INSTANCE") or ""
-    name = f"robocorba-{_checked_name('ROBOCORBA_INSTANCE', instance)}" if instance else "robocorba"
-    return _folder(Path(platformdirs.user_state_dir(name, False)), "the state folder"), instance
+    if instance := environment.get("ROBOCORBA_INSTANCE") or "":
+        _checked_name("ROBOCORBA_INSTANCE", instance)
+    return _folder(instance_folder(instance), "the state folder"), instance
 
 
-def _port_of_instance(instance: str, folder: Path, is_start: bool) -> str:
-    """The naming service's port for an instance that does not run. Other systems' ports must not be tried."""
-    if not is_start:
-        raise NotReachable(
-            f"instance {instance!r} does not run (state folder {folder}); start it with `robocorba up --instance "
-            f"{instance}`"
-        )
-    if former := _member(folder / PORTS, "naming"):
-        return former
-    with claimed_ports() as port:
-        return str(port)
+#: `add_argument` of a parser, or what takes the same.
+AddArgument = Callable[..., object]
 
 
-def _member(file: Path, name: str) -> str:
-    """A member of a JSON file in a state folder; empty if it is missing."""
-    try:
-        return str(json.loads(read_text(file))[name])
-    except (OSError, ValueError, LookupError, TypeError):
-        return ""
-
-
-def add_common_options(parser: argparse.ArgumentParser) -> None:
+def add_common_options(add: AddArgument) -> None:
     """Options of every process for naming service and state folder."""
     instance = "one of several systems on this machine; default: ROBOCORBA_INSTANCE"
     naming = "naming service, or a role's file; default: that of the running system"
-    parser.add_argument("--instance", type=choose_instance, metavar="NAME", help=instance)
-    parser.add_argument("--naming", metavar="HOST:PORT|FILE", help=naming)
-    parser.add_argument("--state", type=Path, metavar="DIR", help="state folder; default: ROBOCORBA_STATE")
+    add("--instance", type=choose_instance, metavar="NAME", help=instance)
+    add("--naming", metavar="HOST:PORT|FILE", help=naming)
+    add("--state", type=Path, metavar="DIR", help="state folder; default: ROBOCORBA_STATE")
 
 
 @dataclass(frozen=True)
@@ -322,7 +299,7 @@ class ServerSettings:
         """The parser for these arguments; a server may add its own."""
         parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
         parser.add_argument("--endpoint", required=True, metavar="HOST:PORT", help="address to listen on")
-        add_common_options(parser)
+        add_common_options(parser.add_argument)
         parser.add_argument("--building", type=Path, metavar="FILE", help="map to serve")
         return parser
 
@@ -359,28 +336,18 @@ class ChannelSettings:
         Raises InvalidSetting; SystemExit with a usage line for unknown or missing arguments."""
         parser = ServerSettings.parser(description)
         parser.add_argument("--name", required=True, metavar="NAME", help="name of the channel and its sub-network")
-        parser.add_argument(
-            "--peer",
-            action="append",
-            default=[],
-            metavar="NAME[=ADDRESS]",
-            help="channel to link with, with HOST:PORT or URI if the naming service lacks it; repeatable",
-        )
-        parser.add_argument(
-            "--foreign",
-            action="append",
-            default=[],
-            metavar="NAME=URI",
-            help="channel that supports only CosEventChannelAdmin, such as omniEvents; repeatable",
-        )
+        peer = "channel to link with, with HOST:PORT or URI if the naming service lacks it; repeatable"
+        parser.add_argument("--peer", action="append", default=[], metavar="NAME[=ADDRESS]", help=peer)
+        foreign = "channel that supports only CosEventChannelAdmin, such as omniEvents; repeatable"
+        parser.add_argument("--foreign", action="append", default=[], metavar="NAME=URI", help=foreign)
         parser.add_argument("--bidirectional", action="store_true", help="reach consumers behind NAT")
         given = parser.parse_args(arguments)
         peers = tuple((name, address) for name, _, address in (text.partition("=") for text in given.peer))
-        foreign = tuple((name, uri) for name, _, uri in (text.partition("=") for text in given.foreign))
-        for name, uri in foreign:
+        foreigners = tuple((name, uri) for name, _, uri in (text.partition("=") for text in given.foreign))
+        for name, uri in foreigners:
             if not uri:
                 raise InvalidSetting("--foreign", name, "not of the form NAME=URI")
-        return cls(ServerSettings.from_arguments(given), given.name, peers, foreign, given.bidirectional)
+        return cls(ServerSettings.from_arguments(given), given.name, peers, foreigners, given.bidirectional)
 
 
 @dataclass(frozen=True)
@@ -476,57 +443,38 @@ class RobotSettings:
     is_agent_only: bool = False
 
     @staticmethod
-    def parser(description: str = "") -> argparse.ArgumentParser:
-        """The parser for a robot's arguments; those of its adaptor follow after `--`."""
-        parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
-        parser.add_argument("name", metavar="NAME", help="name of the robot")
-        parser.add_argument(
-            "--adaptor", default="simulated", metavar="A", help="robot adaptor, such as smartpal; default: simulated"
-        )
-        parser.add_argument("--program", type=Path, metavar="FILE", help="program to run as soon as the robot is ready")
-        parser.add_argument("--floor", default="", metavar="F", help="floor to start on; default: the first")
-        parser.add_argument(
-            "--at", default="", metavar="X,Y[,HEADING]", help="start pose [m, rad]; default: any free one"
-        )
-        parser.add_argument(
-            "--channel",
-            metavar="C",
-            help="event channel of its sub-network; default: that of the area in which it starts",
-        )
-        parser.add_argument(
-            "--record", type=Path, metavar="FILE", help="log each control cycle (tick) in this CSV file, replacing it"
-        )
-        parser.add_argument("--progress", action="store_true", help="print a line when its activity changes")
-        parser.add_argument(
-            "--protect",
-            choices=("on", "off"),
-            help="stop before obstacles that its range sensors see; default: on for actual robots",
-        )
-        parser.add_argument(
-            "--perceive",
-            choices=("simulation", "sensors"),
-            default="simulation",
-            help="avoid what the simulation knows, or what the robot's sensors see; default: simulation",
-        )
-        parser.add_argument(
-            "--agent-only",
-            action="store_true",
-            help="on an actual robot's own computer: run uploaded programs without the servers",
-        )
-        parser.add_argument("--endpoint", metavar="HOST:PORT", help="address to listen on; default: any free port")
-        add_common_options(parser)
-        return parser
+    def add_arguments(add: AddArgument) -> None:
+        """Those of a robot; its adaptor's follow after `--`."""
+        add("name", metavar="NAME", help="name of the robot")
+        add("--adaptor", default="simulated", metavar="A", help="robot adaptor, such as smartpal; default: simulated")
+        add("--program", type=Path, metavar="FILE", help="program to run as soon as the robot is ready")
+        add("--floor", default="", metavar="F", help="floor to start on; default: the first")
+        add("--at", default="", metavar="X,Y[,HEADING]", help="start pose [m, rad]; default: any free one")
+        channel = "event channel of its sub-network; default: that of the area in which it starts"
+        add("--channel", metavar="C", help=channel)
+        add("--record", type=Path, metavar="FILE", help="log each control cycle (tick) in this CSV file, replacing it")
+        add("--progress", action="store_true", help="print a line when its activity changes")
+        protect = "stop before obstacles that its range sensors see; default: on for actual robots"
+        add("--protect", choices=("on", "off"), help=protect)
+        perceive = "avoid what the simulation knows, or what the robot's sensors see; default: simulation"
+        add("--perceive", choices=("simulation", "sensors"), default="simulation", help=perceive)
+        alone = "on an actual robot's own computer: run uploaded programs without the servers"
+        add("--agent-only", action="store_true", help=alone)
+        add("--endpoint", metavar="HOST:PORT", help="address to listen on; default: any free port")
+        add_common_options(add)
 
     @classmethod
     def read(cls, arguments: Sequence[str] | None = None, description: str = "") -> RobotSettings:
-        """From the arguments of `parser`. Raises InvalidSetting; SystemExit with a usage line for unknown or missing
-        arguments."""
+        """From the arguments of `add_arguments`. Raises InvalidSetting; SystemExit with a usage line for unknown or
+        missing arguments."""
         given_arguments = list(sys.argv[1:] if arguments is None else arguments)
         adaptor_arguments: list[str] = []
         if "--" in given_arguments:
             cut = given_arguments.index("--")
             given_arguments, adaptor_arguments = given_arguments[:cut], given_arguments[cut + 1 :]
-        given = cls.parser(description).parse_args(given_arguments)
+        parser = argparse.ArgumentParser(description=description, allow_abbrev=False)
+        cls.add_arguments(parser.add_argument)
+        given = parser.parse_args(given_arguments)
         if given.agent_only and given.perceive == "sensors":
             raise InvalidSetting("--perceive", "sensors", "with --agent-only the robot stops before what it sees")
         return cls(
@@ -593,28 +541,14 @@ class SmartPalSettings:
         parser = ServerSettings.parser(description)
         parser.add_argument("--seed", type=int, default=0, metavar="N", help="seed of the encoders' noise")
         for coordinate in ("x", "y", "heading"):
-            parser.add_argument(
-                f"--{coordinate}", type=float, default=0.0, metavar="N", help="initial odometry [m, rad]"
-            )
-        parser.add_argument(
-            "--servo-after-fault",
-            choices=("on", "off"),
-            default="on",
-            help="whether motors hold again once the alarms of a fault are cleared",
-        )
-        parser.add_argument(
-            "--unlock",
-            choices=("power", "unlock"),
-            default="power",
-            help="what unlocks the base: power off and on too, or only its operation",
-        )
-        parser.add_argument(
-            "--limit-slack",
-            type=float,
-            default=1e-7,
-            metavar="SHARE",
-            help="share by which speeds may exceed their limits",
-        )
+            odometry = "initial odometry [m, rad]"
+            parser.add_argument(f"--{coordinate}", type=float, default=0.0, metavar="N", help=odometry)
+        servo = "whether motors hold again once the alarms of a fault are cleared"
+        parser.add_argument("--servo-after-fault", choices=("on", "off"), default="on", help=servo)
+        unlock = "what unlocks the base: power off and on too, or only its operation"
+        parser.add_argument("--unlock", choices=("power", "unlock"), default="power", help=unlock)
+        slack = "share by which speeds may exceed their limits"
+        parser.add_argument("--limit-slack", type=float, default=1e-7, metavar="SHARE", help=slack)
         parser.add_argument("--world", type=Path, metavar="FILE", help="map that its sensors see")
         parser.add_argument("--world-floor", default="", metavar="NAME", help="floor of that map; default: the first")
         where = ("X", "Y", "HEADING")
@@ -624,18 +558,14 @@ class SmartPalSettings:
         given = parser.parse_args(arguments)
         if given.seed < 0:
             raise InvalidSetting("--seed", str(given.seed), "less than 0")
-        for coordinate in ("x", "y", "heading"):
-            if not math.isfinite(getattr(given, coordinate)):
-                raise InvalidSetting(f"--{coordinate}", str(getattr(given, coordinate)), "not a finite number")
-        if not 0.0 <= given.limit_slack <= 0.1:
-            raise InvalidSetting("--limit-slack", str(given.limit_slack), "not 0 to 0.1")
         start = (given.x, given.y, given.heading)
         world_at = tuple(given.world_at or start)
-        if not all(map(math.isfinite, world_at)):
-            raise InvalidSetting("--world-at", str(world_at), "not three finite numbers")
-        for setting, value in (("--range-noise", given.range_noise), ("--range-lost", given.range_lost)):
-            if not 0.0 <= value <= 1.0:
-                raise InvalidSetting(setting, str(value), "not 0 to 1")
+        for setting, values in {"x": start[:1], "y": start[1:2], "heading": start[2:], "world-at": world_at}.items():
+            if not all(map(math.isfinite, values)):
+                raise InvalidSetting(f"--{setting}", ", ".join(map(str, values)), "not finite")
+        for name, most in {"limit_slack": 0.1, "range_noise": 1.0, "range_lost": 1.0}.items():
+            if not 0.0 <= (value := getattr(given, name)) <= most:
+                raise InvalidSetting(f"--{name.replace('_', '-')}", str(value), f"not 0 to {most:g}")
         return cls(
             ServerSettings.from_arguments(given),
             given.seed,

@@ -28,9 +28,10 @@ from robocorba.errors.services import AlreadyRunning, PortInUse, ServiceError
 from robocorba.system.damaged_files import set_aside
 from robocorba.system.decoding import decode_json
 from robocorba.system.endpoints import is_free
+from robocorba.system.instances import instance_folders
 from robocorba.system.names import CONSOLE, PORTS
 from robocorba.system.private_files import claim_state
-from robocorba.system.settings import Address, instance_folders
+from robocorba.system.settings import Address
 
 Schema = TypeVar("Schema")
 

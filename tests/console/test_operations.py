@@ -416,16 +416,13 @@ def findings(answer: dict[str, Any]) -> list[tuple[str, ...]]:
     return [tuple(finding.values()) for finding in answer["findings"]]
 
 
-def test_the_schema_is_that_of_program_files_and_examples_are_programs(operations: ProgramOperations) -> None:
+def test_examples_are_programs_and_a_check_has_notes_and_python(operations: ProgramOperations, agent: Any) -> None:
     answer = operations.program_schema()
     assert answer["schema"] == programs.schema()
     assert {"home", "tuck"} <= set(answer["postures"])
     examples = operations.example_programs()
     assert "fetch" in examples
     assert all(programs.loads(text).icons for text in examples.values())
-
-
-def test_a_check_has_errors_notes_and_python(operations: ProgramOperations, agent: Any) -> None:
     answer = operations.check_program("A", '{"name": "x", "icons": [{"icon": "wait"}]}')  # no program
     assert findings(answer)[0][:3] == ("error", "icons[0]", "seconds")
     assert (answer["python"], agent.method_calls) == ("", [])

@@ -62,6 +62,9 @@ def test_advertisements_are_bounded_and_unreachable_ones_make_room() -> None:
     assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
     lab.learn([advertisement("d", 1, "c"), advertisement("c", 2, "b", "d")])
     assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "c"]
+    assert (lab.excess("a"), lab.excess("b")) == ("without d: the maximum is 4 channels", "")
+    lab.learn([advertisement("b", 2, "a"), advertisement("a", 2, "lab", "b", "d"), advertisement("d", 2, "a")])
+    assert [n.name for n in lab.advertisements] == ["lab", "a", "b", "d"] and lab.excess("a") == ""
 
 
 def test_names_of_channels() -> None:

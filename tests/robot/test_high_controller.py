@@ -183,12 +183,14 @@ def test_an_adaptor_that_raises_anything_stops_the_robot_until_a_reset(
 
 
 def test_a_stop_or_loss_during_a_reset_stays_and_so_does_a_stop_that_no_server_ends(
-    high: HighController, adaptor: Watched
+    high: HighController, adaptor: Watched, caplog: pytest.LogCaptureFixture
 ) -> None:
     def refuse(number: int) -> None:
         raise RobotLost("the server does not answer")
 
-    high.emergency_stop("button")
+    for _ in range(3):  # by three ways
+        high.emergency_stop("button")
+    assert [record.getMessage() for record in caplog.records] == ["stopped: button"]
     with pytest.raises(RobotLost):
         high.reset_stop(end=refuse)
     assert high.stopped == "button" and high.is_stop_confirmed

@@ -4,6 +4,7 @@ sensor servers."""
 from __future__ import annotations
 
 import math
+import threading
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -25,7 +26,7 @@ from robocorba.simulation.robot_scans import LastScan
 from robocorba.simulation.sensor_admission import SensorAdmission, proof_of, read_token, system_token
 from robocorba.simulation.session import Session
 from robocorba.simulation.simulation_event import SimulationEvent
-from robocorba.simulation.store import ClientRecord, SimulationStore
+from robocorba.simulation.store import AdministratorSettings, ClientRecord, SimulationStore
 from tests.clock import Clock
 from tests.simulation.places import robot, scan, tower
 
@@ -110,6 +111,24 @@ def test_invalid_settings_are_refused(agent: ManagementAgent, monkeypatch: pytes
         agent.register(robot("A"))
 
 
+def test_settings_that_cannot_be_stored_take_no_others_back(
+    agent: ManagementAgent, store: SimulationStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(settings: AdministratorSettings) -> None:
+        monkeypatch.undo()
+        other.start()
+        other.join(0.5)
+        raise ServiceError("no space left")
+
+    other = threading.Thread(target=lambda: agent.configure(is_paused=True))
+    monkeypatch.setattr(store, "save_settings", fail)
+    with pytest.raises(ServiceError):
+        agent.configure(pace=2.0)
+    other.join(60.0)
+    kept = AdministratorSettings(300, 1.0, paused=True)
+    assert (agent.state.pace, agent.state.is_paused, store.settings()) == (1.0, True, kept)
+
+
 def test_postures_reservations_and_scans_of_a_robot_end_with_its_session(agent: ManagementAgent) -> None:
     session, database = agent.register(robot("A")), agent.database
     agent.register(robot("B", x=5.0))
@@ -168,26 +187,16 @@ def test_clients_have_secrets_leases_and_call_rates() -> None:
     assert [client.silent_s for client in clients] == [0.0, 6.0, 6.0]
 
 
-@pytest.mark.parametrize(
-    ("field", "changed"),
-    [
-        ("name", {"name": ""}),
-        ("name", {"name": "../x"}),
-        ("name", {"name": "x" * 61}),
-        ("x", {"pose": Pose("L1", math.nan, 0.0)}),
-        ("y", {"pose": Pose("L1", 0.0, math.inf)}),
-        ("heading", {"pose": Pose("L1", 0.0, 0.0, math.nan)}),
-        ("radius", {"radius_m": 0.0}),
-        ("radius", {"radius_m": math.nan}),
-        ("mass", {"mass_kg": -1.0}),
-        ("speed", {"limits": Limits(speed=math.inf)}),
-        ("acceleration", {"limits": Limits(acceleration=0.0)}),
-    ],
-)
-def test_an_invalid_description_names_the_field(field: str, changed: dict) -> None:
-    with pytest.raises(InvalidDescription) as refused:
-        Description(**{"name": "A", "pose": Pose("L1", 0.0, 0.0), **changed})
-    assert refused.value.field == field
+def test_an_invalid_description_names_the_field() -> None:
+    wrong: list[tuple[str, dict]] = [("name", {"name": name}) for name in ("", "../x", "x" * 61)]
+    wrong += [("x", {"pose": Pose("L1", math.nan, 0.0)}), ("y", {"pose": Pose("L1", 0.0, math.inf)})]
+    wrong += [("heading", {"pose": Pose("L1", 0.0, 0.0, math.nan)}), ("mass", {"mass_kg": -1.0})]
+    wrong += [("radius", {"radius_m": radius_m}) for radius_m in (0.0, math.nan)]
+    wrong += [("speed", {"limits": Limits(speed=math.inf)}), ("acceleration", {"limits": Limits(acceleration=0.0)})]
+    for field, changed in wrong:
+        with pytest.raises(InvalidDescription) as refused:
+            Description(**{"name": "A", "pose": Pose("L1", 0.0, 0.0), **changed})
+        assert refused.value.field == field
 
 
 # ---- sensor servers ----

@@ -236,6 +236,7 @@ def state(tmp_path: Path) -> Path:
     with StateFolder(state).locked():
         StateFolder(state).write_links({"lab": ["hall"]})
     (state / "channels").mkdir()
+    (state / "ports.json").write_text('{"naming": 12345}')
     (state / "omninames" / "omninames.dat").write_bytes(NAMES)
     with SimulationStore(state / "simulation.sqlite") as simulation:
         simulation.put_mission(Mission("M", 0, b"plan"))
@@ -269,13 +270,13 @@ def check(state: Path) -> None:
         assert building.load().version == 2
 
 
-def test_a_backup_restores_everything_and_keeps_the_former_state(state: Path, tmp_path: Path) -> None:
+def test_a_backup_restores_all_and_keeps_what_was(state: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "backup"
     content = back_up(state, file)
     assert file.stat().st_mode & 0o077 == 0
     assert set(content.files) == {
         *("simulation.sqlite", "map.sqlite", "links.json", "channels/lab.sqlite", "channels/lab.seen"),
-        "omninames/omninames.dat",
+        *("omninames/omninames.dat", "ports.json"),
     }
     for name in content.files:
         damage(state / name)
@@ -289,6 +290,10 @@ def test_a_backup_restores_everything_and_keeps_the_former_state(state: Path, tm
     with pytest.raises(OutputError, match="exists already"):
         back_up(state, file)
     back_up(state, file, overwrite=True)
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    for folder, is_copy in ((state, False), (tmp_path / "robocorba-a", False), (tmp_path / "robocorba-b", True)):
+        restore(file, folder)
+        assert (folder / "ports.json").exists() is not is_copy
 
 
 def test_servers_write_meanwhile(state: Path, tmp_path: Path) -> None:

@@ -75,6 +75,8 @@ def test_the_console_is_a_process_of_the_system(tmp_path: Path) -> None:
             options = ("--state", "other", "--naming-port", str(naming), "--console", "--console-port", port)
             said = refusal(launch(ROBOCORBA, "up", *options), 60.0)
         assert f"port {port} on 127.0.0.1, wanted for the console, is in use" in said
+        alone = launch(ROBOCORBA, "console", "--port", "0", "--state", str(system.state))
+        assert Running(alone, system.state, system.naming).wait_ready().stop(signal.SIGINT) == 0
         check_end(system, supervisor)
 
 

@@ -61,6 +61,11 @@ TOGETHER = """drivesTogether([9, 1].map((x) => ({ name: x > 5 ? "A" : "B", at: {
     { floor: "L1", x: 0, y: 0 }, [], async (robot, [goal]) => { if (%s) throw new Error("wall"); return []; })
     .then((drives) => drives.map(({ robot, goals, problem }) => [robot.name, goals.length, problem]))"""
 
+#: A monitor with an idle robot on L1, which shows a floor; robots that are ordered, and how: C refuses.
+JOG = "{ mayDrive: true, current: '%s', robot: { floor: 'L1', condition: 'idle' } }"
+ORDERED = """[{ name: "A", condition: "left" }, { name: "B", mayStop: true }, { name: "C", mayStop: true }],
+    async (name) => { if (name === "C") throw new Error("why"); }"""
+
 #: What pure functions of the pages answer: module, call, answer.
 PURE = (
     ("target_ghost", "partAt([2, 0], [[-1, -1], [1, -1], [1, 1], [-1, 1]], { x: 0, y: 0, heading: 0 }, 24)", "tip"),
@@ -68,6 +73,8 @@ PURE = (
     ("texts", "whenText(0, new Date(3e9)).length > m.whenText(0, new Date(0)).length", True),
     ("jog_pad", "jogVelocity([0, 1, 0], Math.PI / 2, 0.2).ahead", 0.2),
     ("jog_pad", "jogVelocity([3, 4, 0], Math.PI, 0.5).left.toFixed(6)", "-0.400000"),
+    ("monitor", f"default.computed.mayJog.call({JOG % 'L2'})", False),  # it is not seen there
+    ("robot_panel", f"orderEach({ORDERED})", ["A: left", "C: why"]),
     ("drive_together", "placesAround({ x: 1, y: 2 }, [0.4, 0.3], []).length", 37),
     (
         "drive_together",

@@ -170,7 +170,7 @@ class Rates {
 }
 
 function linkFacts({ link, incoming, isUp, rate, lost, lag }) {
-  const facts = [["state", isUp ? "up" : `down${link.problem ? `: ${link.problem}` : ""}`]];
+  const facts = [["state", [isUp ? "up" : "down", link.problem].filter(Boolean).join(": ")]];
   facts.push(["forwards", `${rate.toFixed(1)} events per second`], ["lag", `${(lag * 1000).toFixed(1)} ms`]);
   facts.push(["queued", link.events.queued],
     ["lost", `${lost}: ${link.events.discarded} discarded, ${link.events.expired} expired`]);

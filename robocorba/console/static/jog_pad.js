@@ -20,7 +20,7 @@ export function jogVelocity([x, y, turn], heading, speed) {
 }
 
 export default {
-  // body(): the robot on the floor, with its heading.
+  // body(): where the robot is, with its heading.
   props: { robot: Object, body: Function },
   template: `
     <div class="jog-pad" role="group" aria-label="Drive by hand" @pointerup="release" @pointercancel="release">

@@ -43,13 +43,14 @@ export default {
                   :aria-label="'Floor ' + current + '; + and - zoom, 0 shows all, arrows move, F follows'"></canvas>
           <div v-if="!hasPlan" class="console-overlay">{{ message }}</div>
           <PastNote v-if="!past.isLive" :past="past" :events="events" @live="$refs.time.goLive()" />
-          <DriveNote v-else-if="places && robot" :robots="group" :bodies="bodies" :places="places"
-                     @ways="scene.drive = $event; canvas.redraw()" @undo="places = places.slice(0, -1)"
-                     @close="places = null" />
+          <DriveNote v-else-if="places && robot" :robots="chosen.filter(({ agent, at }) => agent && at)"
+                     :bodies="bodies" :places="places" @ways="scene.drive = $event; canvas.redraw()"
+                     @undo="places = places.slice(0, -1)" @close="places = null" />
           <div v-else-if="trouble" class="scene-note is-problem" role="status">{{ trouble }}</div>
           <div v-else-if="hint" class="scene-note" role="status">{{ hint }}</div>
           <RayLegend v-if="past.isLive" :scans="seen" />
-          <JogPad v-if="isJogging && mayJog" :key="selected" :robot="robot" :body="() => canvas.floor?.body(selected)" />
+          <JogPad v-if="isJogging && mayJog" :key="selected" :robot="robot"
+                  :body="() => canvas.floor?.body(selected) ?? robot?.at" />
           <ViewTools :canvas="() => canvas" :tools="tools()" />
         </div>
         <TimeBar ref="time" :floor="current" :floors="[current]" :happenings="events" @show="showTime"
@@ -61,8 +62,8 @@ export default {
           <RobotTable :class="{ 'is-now': !past.isLive }" :note="past.isLive ? '' : 'The robots as they are now:'"
                       :robots="robots" :selected="selected" :also="also"
                       :is-connected="isKnown" @select="choose" />
-          <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :also="also" :scans="scans" :rights="rights"
-                      :floors="floors" :past="past" :then="then"
+          <RobotPanel v-if="robot" :key="robot.name" class="robot-panel" :robot="robot" :chosen="chosen" :scans="scans"
+                      :rights="rights" :floors="floors" :past="past" :then="then"
                       :process="processes[robot.name]" @forgotten="select('')" />
           <p v-else-if="robots.length" class="panel-note">Select a robot here or on the map.</p>
         </div>
@@ -78,10 +79,8 @@ export default {
       floors: [], current: "", counts: {}, robots: [], selected: "", also: [], isFollowing: false, hasPlan: false,
         isKnown: false, message: "connecting",
       sides: ["Robots", "Events", "Channels", "Processes"], side: "Robots", scans: [], seen: [], rights: {}, events: [],
-        channels: [],
-      past: { isLive: true }, then: null, trouble: "",
-      shown: { scans: true, ways: true, roads: false }, isMoving: false,
-        isPicking: false, isJogging: false,
+      channels: [], past: { isLive: true }, then: null, trouble: "",
+      shown: { scans: true, ways: true, roads: false }, isMoving: false, isPicking: false, isJogging: false,
       // Where the selected robot is to drive, null while the tool is not in use.
       places: null, picked: null, processes: {},
     };
@@ -97,11 +96,11 @@ export default {
       return Boolean(this.past.isLive && this.robot?.agent && this.robot.at);
     },
     mayJog() {
-      return this.mayDrive && (this.robot.condition === "idle" || this.robot.program === "teleoperation");
+      const { mayDrive, robot, current } = this; // by sight: only on the floor that is shown
+      return mayDrive && robot.floor === current && (robot.condition === "idle" || robot.program === "teleoperation");
     },
-    // All selected robots that may drive.
-    group() {
-      return this.robots.filter(({ name, agent, at }) => agent && at && [this.selected, ...this.also].includes(name));
+    chosen() {
+      return this.robots.filter(({ name }) => [this.selected, ...this.also].includes(name));
     },
     hint() {
       if (this.isPicking) return "click a free place; Escape cancels";
@@ -245,14 +244,12 @@ export default {
       if (!state) return;
       const wait = (performance.now() - live.stateAt) / 1000;
       const rows = robotRows(state, live.isConnected ? Math.min(wait, 1) : wait);
+      this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
+        live.plan(this.current));
       this.counts = {};
       for (const row of rows) {
         if (row.isHere) this.counts[row.floor] = (this.counts[row.floor] ?? 0) + 1;
         row.news = ageText(row.age);
-      }
-      this.collisions.update(state.server.state?.state.collisions ?? null, live.floor(this.current),
-        live.plan(this.current));
-      for (const row of rows) {
         row.word = this.collisions.has(row.name) ? "\u2715 collision" : displayText(row.display);
       }
       this.robots = rows;
@@ -283,8 +280,7 @@ export default {
     },
     async askRights() {
       this.rights = await call("rights").catch(() => ({}));
-      if (!this.rights.supervisor) return;
-      await call("processes").then((rows) => this.setProcesses(rows)).catch(() => {});
+      if (this.rights.supervisor) await call("processes").then((rows) => this.setProcesses(rows)).catch(() => {});
     },
     setProcesses(rows) {
       this.processes = Object.fromEntries(rows.filter((row) => row.robot).map((row) => [row.robot, row]));

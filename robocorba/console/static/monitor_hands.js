@@ -25,7 +25,7 @@ export const monitorHands = {
       },
       {
         icon: "gamepad", isOn: this.isJogging, disable: !this.mayJog, press: () => { this.isJogging = !this.isJogging; },
-        title: this.mayJog ? "Drive the selected robot by hand (J)" : "Select a robot that runs no program",
+        title: this.mayJog ? "Drive the selected robot by hand (J)" : "Select a robot of this floor that runs no program",
       },
       {
         icon: "open_with", isOn: this.isMoving, disable: !administrator || !this.past.isLive,

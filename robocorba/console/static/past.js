@@ -36,14 +36,17 @@ export async function pastFloors(names, at, recording) {
 }
 
 async function pastFloor(name, at, recording) {
-  const query = new URLSearchParams({ floor: name, at, recording });
-  const answer = await fetch(`/past?${query}`, { signal: AbortSignal.timeout(LIMIT_MS) });
-  if (!answer.ok) throw new Error((await answer.json()).error);
-  const buffer = await answer.arrayBuffer();
+  const buffer = await (await fetched("/past", { floor: name, at, recording })).arrayBuffer();
   const { header, offset } = readFrame(buffer);
   const floor = new Floor(name);
   floor.apply(header, buffer, offset);
   return floor;
+}
+
+async function fetched(address, query) {
+  const answer = await fetch(`${address}?${new URLSearchParams(query)}`, { signal: AbortSignal.timeout(LIMIT_MS) });
+  if (!answer.ok) throw new Error((await answer.json()).error);
+  return answer;
 }
 
 const plans = new Map();
@@ -54,7 +57,7 @@ export function recordedPlan(recording, floor, news) {
   if (!plans.has(key)) {
     if (plans.size >= MOST_PLANS) plans.clear();
     plans.set(key, undefined);
-    loadPlan(recording, floor).then((plan) => {
+    fetched("/plan", { floor, recording }).then((answer) => answer.json()).then((plan) => {
       plans.set(key, plan);
       news();
     }).catch(() => setTimeout(() => {
@@ -63,11 +66,4 @@ export function recordedPlan(recording, floor, news) {
     }, AGAIN_MS));
   }
   return plans.get(key);
-}
-
-async function loadPlan(recording, floor) {
-  const query = new URLSearchParams({ floor, recording });
-  const answer = await fetch(`/plan?${query}`, { signal: AbortSignal.timeout(LIMIT_MS) });
-  if (!answer.ok) throw new Error("no plan");
-  return answer.json();
 }

@@ -10,9 +10,9 @@ import SureButton from "/static/sure_button.js";
 
 export default {
   components: { ProximityRing, SureButton },
-  // also: names of further selected robots; past: as the time bar says it; then: the robot's body there, or null.
+  // chosen: rows of all selected robots; past: as the time bar says it; then: the robot's body there, or null.
   props: {
-    robot: Object, also: Array, scans: Array, rights: Object, floors: Array, past: Object, then: Object, process: Object,
+    robot: Object, chosen: Array, scans: Array, rights: Object, floors: Array, past: Object, then: Object, process: Object,
   },
   emits: ["forgotten"],
   template: `
@@ -21,19 +21,19 @@ export default {
         <a v-if="robot.isHere" :href="'/3d?robot=' + encodeURIComponent(robot.name)" title="Show it in 3D">3D</a>
         <a v-if="robot.agent" :href="panelAddress(robot.name)" title="Its touch panel">panel</a></h2>
       <div class="console-actions">
-        <q-btn dense no-caps color="negative" icon="front_hand" :label="'Stop' + all" :disable="!robot.agent"
-               @click="orderAll('stop')" />
-        <q-btn v-if="robot.condition === 'stopped'" dense no-caps outline :label="'Release' + (all || ' stop')"
-               @click="orderAll('reset_stop')" />
+        <q-btn dense no-caps color="negative" icon="front_hand" :label="'Stop' + all"
+               :disable="!chosen.some(({ mayStop }) => mayStop)" @click="orderAll('stop', chosen)" />
+        <q-btn v-if="stopped.length" dense no-caps outline :label="'Release' + (all || ' stop')"
+               @click="orderAll('reset_stop', stopped)" />
         <q-btn v-if="robot.isHere" dense no-caps outline label="Teleport" :disable="!rights.administrator"
                :aria-expanded="isPlacing"
                :title="rights.administrator ? 'Put it at a pose' : administratorHint" @click="openPlace" />
         <SureButton v-if="robot.isHere" label="Log off" :question="'Log ' + short + ' off?'"
                     :disable="!rights.administrator"
                     :title="rights.administrator ? 'Log it off the simulation' : administratorHint"
-                    @sure="order('evict')" />
+                    @sure="run('evict')" />
         <SureButton v-if="process" label="End" :question="'End ' + short + '?'" title="End its process"
-                    @sure="order('end_robot')" />
+                    @sure="run('end_robot')" />
         <q-btn v-if="!robot.isHere && robot.isLost" dense no-caps outline label="Remove from the list"
                @click="forget" />
       </div>
@@ -77,8 +77,11 @@ export default {
     short() {
       return [...this.robot.name].slice(0, 16).join("");
     },
+    stopped() {
+      return this.chosen.filter(({ condition }) => condition === "stopped");
+    },
     all() {
-      return this.also.length ? ` ${this.also.length + 1} robots` : "";
+      return this.chosen.length > 1 ? ` ${this.chosen.length} robots` : "";
     },
     administratorHint() {
       return "this needs a console with the rights of an administrator";
@@ -98,22 +101,26 @@ export default {
       const heading = (angle * Math.PI) / 180;
       if (await this.run("place", { body: this.robot.name, floor, x, y, heading })) this.isPlacing = false;
     },
-    order(operation) {
-      return this.run(operation, { robot: this.robot.name });
-    },
-    // An order to all selected robots, which none of them waits for.
-    orderAll(operation) {
-      const calls = [this.robot.name, ...this.also].map((robot) => call(operation, { robot }));
-      return attempt(this, () => Promise.all(calls), { problem: "error" });
+    async orderAll(operation, robots) {
+      this.error = (await orderEach(robots, (robot) => call(operation, { robot }))).join("; ");
     },
     async forget() {
-      if (await this.order("forget_robot")) this.$emit("forgotten");
+      if (await this.run("forget_robot")) this.$emit("forgotten");
     },
-    run(operation, argument) {
+    run(operation, argument = { robot: this.robot.name }) {
       return attempt(this, () => call(operation, argument), { problem: "error" });
     },
   },
 };
+
+// An order to robots, which none of them waits for; why some could not get it. order(name) throws an Error.
+export async function orderEach(robots, order) {
+  const ends = await Promise.allSettled(robots.map(async ({ name, mayStop, condition }) => {
+    if (!mayStop) throw new Error(condition);
+    await order(name);
+  }));
+  return ends.flatMap(({ reason }, at) => (reason ? `${robots[at].name}: ${reason.message}` : []));
+}
 
 function poseText({ floor, x, y, heading }) {
   const turned = Math.atan2(Math.sin(heading), Math.cos(heading));

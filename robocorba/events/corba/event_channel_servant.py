@@ -90,7 +90,7 @@ class EventChannelServant(ServerServant, RoboCorba__POA.EventChannel):
 
     @translating
     def traffic(self) -> Any:
-        return events.channel_traffic(self._channel, self._links)
+        return events.channel_traffic(self._links.traffic())
 
     # ---- peers ----
 

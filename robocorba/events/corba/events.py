@@ -5,9 +5,6 @@ An EventRun of the IDL is an EventBatch here. The IDL's batch, a sequence of run
 
 from __future__ import annotations
 
-import os
-import statistics
-import time
 from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from typing import Any
@@ -36,7 +33,6 @@ from robocorba.events.federation import MAX_CHANNELS, Advertisement, check_name,
 from robocorba.events.links import Links
 from robocorba.events.proxies import Proxies, ProxySnapshot
 from robocorba.events.proxy import ProxyCondition, ProxyKind
-from robocorba.events.proxy_push_supplier import ProxyPushSupplier
 from robocorba.events.queue import OverflowRule, QueuePolicy
 from robocorba.events.subscription import Pattern, Subscription, checked
 from robocorba.events.traffic import ChannelTraffic, OriginTraffic
@@ -268,7 +264,7 @@ def link_state(peer: str, direction: Any, end: LinkEnd) -> Any:
         peer=peer,
         direction=direction,
         condition=RoboCorba.UP if end.is_up else RoboCorba.DOWN,
-        problem=end.problem,
+        problem=end.problem or end.warning,
         reconnects=max(0, end.joins - 1),
         lag=end.lag_s,
         batches=end.packets,
@@ -298,26 +294,17 @@ def channel_state(channel: Channel, proxies: Proxies, links: Links) -> Any:
     )
 
 
-def channel_traffic(channel: Channel, links: Links) -> Any:
-    """A ChannelTraffic."""
-    with channel.lock:
-        counter = channel.traffic
-        origins = [RoboCorba.OriginTraffic(name, one.events, one.deliveries) for name, one in counter.origins.items()]
-        proxies = [p for p in channel.proxy_suppliers.values() if p.condition is ProxyCondition.CONNECTED]
-        called = [p for p in proxies if isinstance(p, ProxyPushSupplier) and p.mean_s]
+def channel_traffic(traffic: ChannelTraffic) -> Any:
+    """A ChannelTraffic struct."""
     return RoboCorba.ChannelTraffic(
-        time.monotonic(),
-        origins,
-        len(proxies),
-        statistics.fmean(proxy.mean_s for proxy in called) if called else 0.0,
-        min((proxy.fastest_s for proxy in called), default=0.0),
-        counter.service_s,
-        os.getloadavg()[0] / (os.cpu_count() or 1),
-        [
-            RoboCorba.LinkDelay(one.peer, one.gateway.round_trip_s)
-            for one in links.snapshots()
-            if one.gateway.is_up and one.gateway.round_trip_s
-        ],
+        traffic.clock_s,
+        [RoboCorba.OriginTraffic(name, one.events, one.deliveries) for name, one in traffic.origins.items()],
+        traffic.consumers,
+        traffic.call_s,
+        traffic.fastest_s,
+        traffic.service_s,
+        traffic.load,
+        [RoboCorba.LinkDelay(peer, seconds) for peer, seconds in traffic.round_trips_s.items()],
     )
 
 

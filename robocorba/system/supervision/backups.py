@@ -33,6 +33,8 @@ from robocorba.simulation import store as simulation_store
 from robocorba.system import private_files, sqlite_files
 from robocorba.system.damaged_files import LAST_BACKUP, BackupNote
 from robocorba.system.decoding import decode_json
+from robocorba.system.instances import instance_folder, instance_folders, json_member
+from robocorba.system.names import PORTS
 from robocorba.system.output_files import check_output
 from robocorba.system.state_folder import StateFolder
 from robocorba.system.supervision.naming_data import DATA, EARLIER, intact_part
@@ -94,6 +96,7 @@ def back_up(state: Path, file: Path, overwrite: bool = False) -> BackupList:
 def restore(file: Path, state: Path) -> Path | None:
     """Replace the state of a system that does not run by that of a backup, once all of it has been read and checked.
 
+    Where another system of this user has the ports of the backup, of which this one becomes a copy, it gets others.
     Returns the folder in the state folder that holds the former state, None if there was none. Raises AlreadyRunning;
     ServiceError if the backup is damaged."""
     file = file.absolute()
@@ -106,6 +109,10 @@ def restore(file: Path, state: Path) -> Path | None:
         shutil.rmtree(new, ignore_errors=True)
         try:
             content = _unpack(file, new)
+            port = json_member(new / PORTS, "naming")
+            others = {instance_folder(""), *instance_folders().values()} - {state.absolute()}
+            if port and port in [json_member(other / PORTS, "naming") for other in others]:
+                del content.files[PORTS]
             former = _move_aside(state)
             for name in content.files:
                 (state / name).parent.mkdir(exist_ok=True)
