@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_866,
+    "lines of code": 52_864,
     "classes": 976,
     "upper-case names of modules": 1_073,
     "kernels": 66,
@@ -24,8 +24,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_087, "testkit": 7_045, "bench": 7_874, "robocorba/console/static": 11_863}
-WORDS_AT_MOST = {"docs": 31_909, "README.md": 857, "CHANGELOG.md": 1_767}
+LINES_AT_MOST = {"tests": 53_087, "testkit": 7_045, "bench": 7_968, "robocorba/console/static": 11_863}
+WORDS_AT_MOST = {"docs": 31_927, "README.md": 857, "CHANGELOG.md": 1_769}
 
 
 @functools.cache

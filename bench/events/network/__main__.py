@@ -28,7 +28,12 @@ def main(network: str = "delays", leader: str = PUSHED, quick: bool = False) -> 
                 f"latencies, their ratio, traffic: network namespaces are not available ({error}); run it as root"
             ) from None
         with hosts:
-            about: dict[str, Any] = {"leader's core": leaders_core, "other cores": cores}
+            about: dict[str, Any] = {
+                "network": "network namespaces; a process carries all packets (testkit/router.py)",
+                "it has real-time priority": hosts.router_has_priority,
+                "leader's core": leaders_core,
+                "other cores": cores,
+            }
             outcomes = list(progress(conduct(hosts, leaders_core, plan), "runs", plan.total))
     took_s = time.monotonic() - began
     about |= {"took, s": round(took_s, 1), "s a run": round(took_s / plan.total, 2)}

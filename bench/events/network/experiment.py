@@ -21,7 +21,8 @@ import numpy as np
 from bench.events.network import mission
 from bench.events.network.load import Core
 from bench.events.network.networks import ADDRESS_OF, SUBNET_OF, Link, Network
-from bench.events.network.robot import LEADERS, POLLING, PUSHED
+from bench.events.network.robot import GRID, LEADERS, OWN_EVENTS, POLLING, PUSHED
+from robocorba.system.supervision.launch import module_command
 from testkit.json_process import Process, checkout_command
 
 #: The set-ups: the federation, and a central channel by its host.
@@ -66,10 +67,10 @@ PAPER_LOAD = 0.6
 
 def plan_of(network: str, leader: str, quick: bool) -> Plan:
     """The plan of the bench: with the leader PUSHED the paper's figure on its network, "paper", or with "delays"; with
-    POLLING, or "all", the falling curve."""
+    another one of LEADERS, or "all", the falling curve."""
     runs = 3 if quick else 10
     if leader != PUSHED:
-        runs = min(runs, 8)  # a slower leader also makes runs longer
+        runs = min(runs, 8)  # the slower leaders also make runs longer
         loads = (0.3, 0.6, 0.9) if quick else (0.2, 0.4, 0.6, 0.8, 0.9)
         leaders = LEADERS if leader == "all" else (leader,)
         links = (PAPER,) if network == "paper" else DELAYS[:1]
@@ -185,10 +186,16 @@ def experiment(network: Network, leaders_core: int, leader: str = PUSHED) -> Ite
     """Start all processes: the leader on its own core, the others on the network's cores. Raises ProcessFailed."""
     naming = _address("servers", "naming")
     with contextlib.ExitStack() as stack:
+        folder = network.folder / leader
+        folder.mkdir()
 
         def channel(host: str, of: str, *more: str) -> None:
-            process = network.start_channel(host, f"{of}-{host}", _address(host, of), naming, *more)
-            stack.enter_context(process)
+            name = f"{of}-{host}"
+            program = ("bench.events.network.timers",) if leader == GRID else ()
+            common = ("--state", str(folder / name), "--endpoint", _address(host, of), "--naming", naming)
+            command = (*program, "robocorba.servers.event_channel", *common, "--name", name, *more)
+            run = checkout_command if program else module_command
+            stack.enter_context(network.start(host, f"{leader}/{name}", *run(*command)))
 
         for place in PLACES:
             channel(place, "central")
@@ -204,12 +211,13 @@ def experiment(network: Network, leaders_core: int, leader: str = PUSHED) -> Ite
             }
             program = checkout_command("bench.events.network.robot", json.dumps(settings))
             on = (leaders_core,) if name == mission.LEADER else ()
-            robots[name] = stack.enter_context(network.start(name, f"robot-{name}", *program, cores=on))
+            robots[name] = stack.enter_context(network.start(name, f"{leader}/robot-{name}", *program, cores=on))
         working = checkout_command("bench.events.network.load", str(leaders_core))
-        load = stack.enter_context(Process(working, network.folder / "load.log", (leaders_core,)))
+        load = stack.enter_context(Process(working, folder / "load.log", (leaders_core,)))
         for process in (*robots.values(), load):
             process.receive(START_LIMIT_S)
-        yield Experiment(network, robots, robots[mission.LEADER] if leader == POLLING else load, leaders_core)
+        loads_itself = leader in (POLLING, OWN_EVENTS)
+        yield Experiment(network, robots, robots[mission.LEADER] if loads_itself else load, leaders_core)
 
 
 def _address(host: str, of: str) -> str:

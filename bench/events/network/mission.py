@@ -18,10 +18,11 @@ ROBOTS = (LEADER, *HELPERS)
 #: Rate of the states and scans of each robot, and of the steps of the mission (less if answers take longer) [Hz].
 STATE_HZ, STEP_HZ = 20.0, 10.0
 
-STATE, SCAN, SHARED_SCAN, SUBPLAN, READY, GO, RESULT, DONE = (
+STATE, SCAN, SHARED_SCAN, OWN, SUBPLAN, READY, GO, RESULT, DONE = (
     "robot.state",
     "scan.room",
     "scan.shared",
+    "robot.own",
     "mission.subplan",
     "mission.ready",
     "mission.go",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -53,6 +54,11 @@ class Network:
             devices = {addresses[name]: host.add_tun(addresses[name]) for name, host in self.hosts.items()}
             self._router = stack.enter_context(start_router(devices, folder, cores))
             self._stack = stack.pop_all()
+
+    @property
+    def router_has_priority(self) -> bool:
+        """Whether the router has real-time priority."""
+        return os.sched_getscheduler(self._router.pid) == os.SCHED_FIFO
 
     def __enter__(self) -> Network:
         return self

@@ -147,18 +147,25 @@ def marks(found: Sequence[Cell]) -> list[Mark]:
 
 
 def sentences(found: Sequence[Cell]) -> list[str]:
-    """How each curve changes from its lowest to its highest load."""
+    """The paper's sentence about the load of 60 %, and how each curve changes from its lowest to its highest load."""
     result = []
+    for cell in found:
+        if cell.case.link == PAPER and cell.case.load == PAPER_LOAD:
+            federated, standard = (mean(means_ms(some, cell.which)) for some in (cell.federated, cell.standard))
+            where = f"{cell.case.leader}, {cell.case.link.name}, central in {cell.place}, scans of {cell.case.scans}"
+            result.append(
+                f"at 60 % ({where}): federated {federated} ms, standard {standard} ms; paper "
+                f"{PAPER_FEDERATED_MS} and {PAPER_STANDARD_MS} ms"
+            )
     for curve in curves(found):
-        low, high = curve[0], curve[-1]
-        federated, standard = (
-            ratio(*(means_ms(getattr(cell, which), cell.which) for cell in (high, low)))
-            for which in ("federated", "standard")
-        )
-        result.append(
-            f"{low.case.leader}, {low.case.link.name}, central in {low.place}: from {100 * low.load:.0f} to "
-            f"{100 * high.load:.0f} % the latency changes by the factor {standard}, federated {federated}"
-        )
+        if len(curve) > 1:
+            low, high = curve[0], curve[-1]
+            federated = ratio(means_ms(high.federated, high.which), means_ms(low.federated, low.which))
+            standard = ratio(means_ms(high.standard, high.which), means_ms(low.standard, low.which))
+            result.append(
+                f"{low.case.leader}, {low.case.link.name}, central in {low.place}: from {100 * low.load:.0f} to "
+                f"{100 * high.load:.0f} % the latency changes by the factor {standard}, federated {federated}"
+            )
     return result
 
 

@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 
 import msgpack
 
-from bench.events.network import mission
+from bench.events.network import mission, timers
 from bench.events.network.load import Core, Governor, start_turns
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba import events
@@ -39,11 +39,15 @@ from testkit.json_process import answer_commands
 
 #: Timeout for another robot, and for the last events of a run [s].
 ANSWER_LIMIT_S = 10.0
-#: How the leader receives: as usual, or by polls, a hypothesis about the paper's falling curve.
-PUSHED, POLLING = LEADERS = ("pushed", "polling")
+#: How the leader receives, and what loads its core. The first is the usual one, the others are hypotheses about the
+#: paper's falling curve:
+PUSHED, POLLING, GRID, OWN_EVENTS = LEADERS = ("pushed", "polling", "grid", "own-events")
 #: Work of a turn of a leader that polls once in a turn, such as to draw its 3D scene [s]: chosen so that its latency at
-#: 60 % is about the paper's; results are the curve's form and the difference of the set-ups.
-POLLING_WORK_S = 0.013
+#: 60 % is about the paper's; results are the curve's form and the difference of the set-ups. Work for one event of a
+#: leader whose own events are its load [s].
+POLLING_WORK_S, EVENT_WORK_S = 0.013, 0.001
+#: Pause between the polls of a leader with the timers of Windows XP [s], before it is rounded up.
+GRID_PAUSE_S = 0.001
 
 
 class Run(NamedTuple):
@@ -144,6 +148,8 @@ class Robot:
             turn += 1
             due = max(due + half, time.monotonic() - half)
 
+    # ---- what a leader does once in a turn ----
+
     def poll(self) -> None:
         """Pull all events that wait."""
         set_up = self._run.set_up
@@ -155,6 +161,11 @@ class Robot:
             header = one.header
             payload = msgpack.unpackb(one.payload)
             self._receive(set_up, Event(header.type, header.source, payload, header.time, header.origin, header.number))
+
+    def publish_own(self) -> None:
+        """During a run, publish an event that nobody subscribes to."""
+        if self._run.begin < time.monotonic() < self._run.end:
+            self._publish(mission.OWN, {"step": 0})
 
     # ---- events ----
 
@@ -210,19 +221,37 @@ def pull_proxy(channel: Any, patterns: Sequence[tuple[str, str]]) -> Any:
     return proxy
 
 
+def lead(robot: Robot, leader: str, governor: Governor, core: int) -> None:
+    """Start what a leader does besides the mission, in a thread."""
+
+    def poll_on_the_grid() -> None:
+        while True:
+            robot.poll()
+            time.sleep(GRID_PAUSE_S)
+
+    if leader == POLLING:
+        start_turns(governor, Core(core), POLLING_WORK_S, robot.poll)
+    elif leader == OWN_EVENTS:
+        start_turns(governor, Core(core), EVENT_WORK_S, robot.publish_own)
+    elif leader == GRID:
+        threading.Thread(target=poll_on_the_grid, daemon=True).start()
+
+
 def main() -> None:
     settings = json.loads(sys.argv[1])
     name, leader = settings["name"], settings["leader"]
+    if leader == GRID:
+        timers.use_grid()
     naming = Address.parse(settings["naming"])
     with Orb(naming, options={"endPoint": f"giop:tcp:{settings['endpoint']}"}) as orb, contextlib.ExitStack() as stack:
         clients = {
             set_up: stack.enter_context(EventClient(orb, channel, name, timeout_s=30.0))
             for set_up, channel in settings["channels"].items()
         }
-        governor, polls = Governor(), name == mission.LEADER and leader == POLLING
-        robot = Robot(name, clients, settings["peers"], polls)
-        if polls:
-            start_turns(governor, Core(settings["core"]), POLLING_WORK_S, robot.poll)
+        governor, leads = Governor(), name == mission.LEADER
+        robot = Robot(name, clients, settings["peers"], leads and leader in (POLLING, GRID))
+        if leads:
+            lead(robot, leader, governor, settings["core"])
         gc.freeze()
         answer_commands(robot.prepare, robot.play, robot.sent, robot.collect, robot.links, governor.want)
 
