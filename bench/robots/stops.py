@@ -76,7 +76,7 @@ class Stage:
     network namespace that it is in."""
 
     def __init__(self, place: System, actual: StandIn | None, cable: Namespace | None) -> None:
-        self._folder, self._running, _, self._orb = place
+        self._folder, _, _, self._orb = place
         self._actual, self._cable, self._starts = actual, cable, 0
         self.robot = self._start()
         what = ("units", str(actual.naming)) if actual else ("building", str(self._orb.naming), FLOOR, NAME)
@@ -165,7 +165,6 @@ class Stage:
         if self._actual:
             faults = self._actual.faults
             yield Case("emergency stop, arms move", stop, moves="arms")
-            yield Case("simulation server is killed", lambda: os.kill(self._running.pid("simulation"), signal.SIGKILL))
             yield Case("a unit is lost", lambda: faults.lost("MnpR", True), faults.none)
         if cable := self._cable:
             pull, plug = (partial(cable.ip, "link", "set", CABLE, state) for state in ("down", "up"))
