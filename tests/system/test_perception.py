@@ -46,7 +46,7 @@ def test_an_actual_robot_drives_around_a_chair_that_no_map_has(system_orb: Orb, 
 
             eventually(has_ended, 240.0, "the end of the drive")
             report, at = states[-1].program, states[-1].at
-            assert (report.result, report.reason) == (ProgramResult.DONE, "")
+            assert (report.result, report.reason) == (ProgramResult.DONE, ""), [state.at for state in states[-40:]]
             assert math.dist((at.x, at.y), GOAL) < 0.02
             assert max(abs(state.at.y - CHAIR[1]) for state in states) > 0.6
             servant = system_orb.resolve("Robots/S", RoboCorba.RobotAgent)
