@@ -276,9 +276,9 @@ class Mobility(Unit):
             self._velocity, self._slipping_from = [0.0, 0.0, 0.0], None
 
     def _is_stuck(self) -> bool:
-        """Whether an axis had a speed error of 0.05 m/s or rad/s for 0.05 s. Assumed."""
-        error = np.abs(np.array(self._velocity) - self._latest.base_velocity).max()
-        if error < 0.05:
+        """Whether an axis had a speed error of 0.05 m/s or 0.2 rad/s for 0.05 s. Assumed: wheels that brake as hard as
+        they can lag by up to 0.02 m/s and 0.09 rad/s."""
+        if (np.abs(np.array(self._velocity) - self._latest.base_velocity) < (0.05, 0.05, 0.2)).all():
             self._slipping_from = None
             return False
         if self._slipping_from is None:

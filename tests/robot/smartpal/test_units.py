@@ -324,6 +324,17 @@ def test_the_emergency_switch_locks_it_and_power_off_and_on_may_unlock_it(unlock
     assert base.unlock() is (WRONG if unlocks else OK)
 
 
+@pytest.mark.parametrize("halt", [lambda robot: OK, lambda robot: robot.mobility.stop()], ids=["timeout", "stop"])
+def test_a_base_at_its_limits_halts_without_an_alarm(halt: Callable[[SmartPal], ReturnCode]) -> None:
+    """Also where jogs are late and it brakes as hard as it can, while it turns."""
+    robot = ready()
+    for ahead, left, turn in ((900.0, 300.0, 100.0), (-600.0, 700.0, -100.0), (0.0, 0.0, 60.0)):
+        repeat(robot, 60, lambda jog=(ahead, left, turn): robot.mobility.jog(*jog))  # type: ignore[misc]
+        assert halt(robot) is OK
+        settle(robot)
+        assert robot.mobility.mobility_state is MobilityState.READY
+
+
 @pytest.mark.parametrize(("slack", "answer"), [(1e-7, OK), (0.0, RANGE)])
 def test_limits_have_the_slack_of_rounding(slack: float, answer: ReturnCode) -> None:
     """Of clients that compute degrees from radians."""
