@@ -63,8 +63,9 @@ TOGETHER = """drivesTogether([9, 1].map((x) => ({ name: x > 5 ? "A" : "B", at: {
 
 #: A monitor with an idle robot on L1, which shows a floor; robots that are ordered, and how: C refuses.
 JOG = "{ mayDrive: true, current: '%s', robot: { floor: 'L1', condition: 'idle' } }"
-ORDERED = """[{ name: "A", condition: "left" }, { name: "B", mayStop: true }, { name: "C", mayStop: true }],
-    async (name) => { if (name === "C") throw new Error("why"); }"""
+ORDERED = (
+    """[{ name: "A" }, { name: "B" }, { name: "C" }], async (name) => { if (name !== "B") throw new Error(name); }"""
+)
 
 #: What pure functions of the pages answer: module, call, answer.
 PURE = (
@@ -74,7 +75,7 @@ PURE = (
     ("jog_pad", "jogVelocity([0, 1, 0], Math.PI / 2, 0.2).ahead", 0.2),
     ("jog_pad", "jogVelocity([3, 4, 0], Math.PI, 0.5).left.toFixed(6)", "-0.400000"),
     ("monitor", f"default.computed.mayJog.call({JOG % 'L2'})", False),  # it is not seen there
-    ("robot_panel", f"orderEach({ORDERED})", ["A: left", "C: why"]),
+    ("robot_panel", f"orderEach({ORDERED})", ["A: A", "C: C"]),
     ("drive_together", "placesAround({ x: 1, y: 2 }, [0.4, 0.3], []).length", 37),
     (
         "drive_together",

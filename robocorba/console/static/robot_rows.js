@@ -9,7 +9,7 @@ const COLLISION_S = 4;
 // Gap up to which two bodies, or a body and a wall, are regarded as touching [m].
 const TOUCH_M = 0.03;
 
-// {name, floor, at, isLost, isHere, age, mayStop, condition, display, program, agent, client, problem}, sorted by name.
+// {name, floor, at, isLost, isHere, age, condition, display, program, agent, client, problem}, sorted by name.
 // isHere: the simulation has it. age: of its agent's last news, or for one without agent of its last call [s]; null:
 // none yet.
 export function robotRows(state, waitS) {
@@ -29,7 +29,6 @@ export function robotRows(state, waitS) {
     const absence = absenceOf(entry, agent, isHere);
     return {
       name, agent, client, at, isHere, isLost, age,
-      mayStop: Boolean(agent || isHere), // the simulation stops robots without an agent, too
       floor: at?.floor ?? "",
       // Since when the simulation does not have it any more [s].
       goneAge: isHere || !gone[name] ? null : gone[name].age + waitS,
