@@ -24,8 +24,9 @@ from rich.markup import escape
 from typer.core import TyperGroup
 
 from robocorba import __version__
-from robocorba.commands.options import add_instance
-from robocorba.system.printing import echo
+from robocorba.commands.options import add_instance, defaults_of
+from robocorba.system.defaults_file import InvalidDefaults
+from robocorba.system.printing import echo, fail
 from robocorba.system.settings import typed_words
 
 #: Its name, as help and errors show it.
@@ -80,7 +81,10 @@ class _Commands(TyperGroup):
                     shown.help = escape(shown.help)
                 if getattr(shown, "is_flag", False):
                     shown.metavar = ""
-        return super().main(*arguments, **settings)
+        try:
+            return super().main(*arguments, default_map=defaults_of(self, SUBCOMMANDS), **settings)
+        except InvalidDefaults as error:
+            fail(f"{NAME}: {error}")
 
 
 def command(names: Iterable[str] = SUBCOMMANDS, *, only_for_help: bool = False) -> typer.Typer:

@@ -15,6 +15,7 @@ from typer.main import get_command
 from robocorba.commands.reporting import reporting
 from robocorba.errors.base import RoboCorbaError
 from robocorba.errors.services import ServiceError
+from robocorba.system.defaults_file import InvalidDefaults, read_defaults
 from robocorba.system.names import ADMINISTRATOR, CHANNELS, ROBOTS
 from robocorba.system.roles import Role
 from robocorba.system.settings import InvalidSetting, Settings, choose_instance, state_folder
@@ -113,6 +114,32 @@ def only_for(purpose: str, applies: object, context: typer.Context, *parameters:
     for parameter in context.command.params if not applies else ():
         if parameter.name in parameters and is_given(context, parameter.name):
             raise typer.BadParameter(f"it has no effect, it is for {purpose}", param_hint=f"'{parameter.opts[-1]}'")
+
+
+def defaults_of(commands: Any, names: Iterable[str]) -> dict[str, Any]:
+    """Options from robocorba.toml by command and parameter, for those of the commands with these names that are loaded.
+    Raises InvalidDefaults."""
+    file, members = read_defaults()
+    tables = {name: value for name, value in members.items() if name not in ("naming", "state", "instance")}
+    return _defaults_in(tables, "robocorba", commands, {*names}, file) if file else {}
+
+
+def _defaults_in(table: dict[str, Any], words: str, command: Any, names: set[str], file: Path) -> dict[str, Any]:
+    """names: of the command's subcommands."""
+    options = {option.removeprefix("--"): each.name for each in command.params for option in each.opts}
+    found: dict[str, Any] = {}
+    for name, value in table.items():
+        if names and not isinstance(value, dict):
+            raise InvalidDefaults(file, f"{name!r} is no table with options of a command")
+        if names and name not in names:
+            raise InvalidDefaults(file, f"`{words}` has no command {name!r}")
+        if not names and (name not in options or isinstance(value, dict)):
+            raise InvalidDefaults(file, f"`{words}` has no option {name!r}")
+        if not names:
+            found[options[name]] = value
+        elif part := command.commands.get(name):
+            found[name] = _defaults_in(value, f"{words} {name}", part, {*getattr(part, "commands", ())}, file)
+    return found
 
 
 def add_instance(commands: Iterable[Any]) -> None:

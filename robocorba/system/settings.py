@@ -1,7 +1,7 @@
 """Settings of all processes: the only module that reads RoboCorba's variables from the environment.
 
 Arguments override the environment, which overrides the defaults. Naming service and state folder come from the first of
-these: --naming or --state, --instance, ROBOCORBA_NAMING or ROBOCORBA_STATE, ROBOCORBA_INSTANCE.
+these: --naming or --state, --instance, ROBOCORBA_NAMING or ROBOCORBA_STATE, ROBOCORBA_INSTANCE, robocorba.toml.
 
 | variable | meaning | default |
 |---|---|---|
@@ -27,6 +27,7 @@ from urllib.parse import unquote
 
 from robocorba.errors.services import NotReachable, ServiceError
 from robocorba.system.decoding import read_text
+from robocorba.system.defaults_file import read_defaults, text_of
 from robocorba.system.instances import instance_folder, json_member
 from robocorba.system.names import ACCESS
 from robocorba.system.roles import Role
@@ -231,9 +232,10 @@ class Settings:
 
         role: what this process is in a guarded system, if nothing says where its naming service is. choose_port: of the
         naming service of an instance that does not run, by its state folder; None where it has to run."""
-        folder, instance = _state_folder(state, environment)
+        folder, instance, (file, default) = _state_folder(state, environment)
         variable = environment.get("ROBOCORBA_NAMING") or ""
         address, origin = (naming, "--naming") if naming else (variable, "ROBOCORBA_NAMING")
+        address, origin = (address, origin) if address else (default, file)
         if "/" in address or address.endswith(".ior"):
             return cls(RoleNaming.read(Path(address), origin), folder, origin, instance)
         if not address:
@@ -256,13 +258,20 @@ def state_folder(state: Path | None = None) -> Path:
     return _state_folder(state, os.environ)[0]
 
 
-def _state_folder(state: Path | None, environment: Mapping[str, str]) -> tuple[Path, str]:
-    """The state folder, and the instance that it belongs to if an instance is chosen, else empty."""
+def _state_folder(state: Path | None, environment: Mapping[str, str]) -> tuple[Path, str, tuple[str, str]]:
+    """The state folder; the instance that it belongs to if an instance is chosen, else empty; and where neither
+    argument nor environment chooses a folder, robocorba.toml and its naming service, else empty."""
     if chosen := state or environment.get("ROBOCORBA_STATE"):
-        return _folder(Path(chosen), "--state" if state else "ROBOCORBA_STATE"), ""
+        return _folder(Path(chosen), "--state" if state else "ROBOCORBA_STATE"), "", ("", "")
     if instance := environment.get("ROBOCORBA_INSTANCE") or "":
         _checked_name("ROBOCORBA_INSTANCE", instance)
-    return _folder(instance_folder(instance), "the state folder"), instance
+        return _folder(instance_folder(instance), "the state folder"), instance, ("", "")
+    file, members = read_defaults()
+    naming, folder, instance = (text_of(file, members, name) for name in ("naming", "state", "instance"))
+    if instance:
+        _checked_name(str(file), instance)
+    chosen = file.parent / Path(folder).expanduser() if file and folder else instance_folder(instance)
+    return _folder(chosen, str(file)), instance if not folder else "", (str(file), naming)
 
 
 #: `add_argument` of a parser, or what takes the same.
