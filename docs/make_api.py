@@ -1,9 +1,9 @@
-"""Makes the reference of the Python API from docstrings: python docs/make_api.py [FOLDER], by default docs/api."""
+"""Makes the reference of the Python API from docstrings, a part of the site (make_site.py)."""
 
 from __future__ import annotations
 
 import importlib
-import sys
+import warnings
 from pathlib import Path
 
 #: Modules for those who write clients, programs, adaptors and cooperative icons in Python; their sub-modules too.
@@ -28,15 +28,13 @@ MODULES = (
 )
 
 
-def main(folder: str = str(Path(__file__).parent / "api")) -> None:
-    import pdoc  # only with the extra `dev`
+def make(folder: Path) -> None:
+    """Needs the extra `docs`."""
+    import pdoc
 
+    # Types of `__init__` that a library has made lose where their names are from; they are shown as written.
+    warnings.filterwarnings("ignore", "Error parsing type annotation", module="pdoc")
     for name in MODULES:
         importlib.import_module(name)  # while pdoc imports, processes are forbidden, and a library of mujoco starts one
     pdoc.render.configure(docformat="restructuredtext", footer_text="RoboCorba")
-    pdoc.pdoc(*MODULES, output_directory=Path(folder))
-    print(Path(folder) / "index.html")
-
-
-if __name__ == "__main__":
-    main(*sys.argv[1:])
+    pdoc.pdoc(*MODULES, output_directory=folder)

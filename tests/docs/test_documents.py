@@ -25,7 +25,7 @@ MODULES = runpy.run_path(str(ROOT / "docs" / "make_api.py"))["MODULES"]
 _COMMAND = re.compile(r"(?:`|^ {4}|^|[;&|] )(?:\.venv/bin/)?robocorba ((?:[a-z0-9-]+ ?)+)([^`\n]*)", re.MULTILINE)
 #: A file of the repository, and what only exists once it was made.
 _FILE = re.compile(r"(?<![\w/.-])((?:bench|clients|docs|idl|robocorba|servers|tests)/[\w./-]*\w)")
-_MADE = ("bench/results", "clients/cpp/build", "docs/api")
+_MADE = ("bench/results", "clients/cpp/build", "docs/site")
 #: Messages of others in docs/troubleshooting.md: omniORB's, and the form of all messages about map files.
 _FOREIGN = re.compile(r"CORBA\.|COMM_FAILURE|TRANSIENT_|FILE:LINE")
 
