@@ -1,5 +1,5 @@
 """How much there is of everything: the numbers may only fall. A change that makes something smaller lowers its number.
-Only a part that was promised and missing may raise it: last instances, robocorba.toml, advice about federations,
+Only a part that was promised and missing may raise it: last instances, robocorba.toml, a course, advice about federations,
 and what the console keeps and how it drives robots."""
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ AT_MOST = {
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
 LINES_AT_MOST = {"tests": 53_205, "testkit": 7_047, "bench": 7_967, "robocorba/console/static": 11_860}
-WORDS_AT_MOST = {"docs": 31_919, "README.md": 857, "CHANGELOG.md": 1_769}
+WORDS_AT_MOST = {"docs": 31_958, "README.md": 857, "CHANGELOG.md": 1_769}
 
 
 @functools.cache
