@@ -1,6 +1,6 @@
 """How much there is of everything: the numbers may only fall. A change that makes something smaller lowers its number.
-Only a part that was promised and missing may raise it: last instances, robocorba.toml, a course, advice about federations,
-and what the console keeps and how it drives robots."""
+Only a part that was promised and missing may raise it: last instances, robocorba.toml, a course, advice about
+federations, and what the console keeps and how it drives robots."""
 
 from __future__ import annotations
 
