@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_921,
+    "lines of code": 52_922,
     "classes": 977,
     "upper-case names of modules": 1_074,
     "kernels": 66,
@@ -24,7 +24,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_205, "testkit": 7_047, "bench": 7_967, "robocorba/console/static": 11_860}
+LINES_AT_MOST = {"tests": 53_206, "testkit": 7_047, "bench": 7_967, "robocorba/console/static": 11_860}
 WORDS_AT_MOST = {"docs": 31_958, "README.md": 857, "CHANGELOG.md": 1_769}
 
 

@@ -80,7 +80,9 @@ def _places(settings: Settings) -> Iterator[tuple[str, str, str]]:
     folder, naming = settings.state, settings.naming
     is_used = naming.is_loopback and not is_free(naming.host, naming.port)
     used = user_of(naming.port) if is_used else "nothing on this machine"
-    yield "naming service", f"{naming}, from {settings.origin}; used by {used}", ""
+    has_port = folder.exists() or not settings.instance
+    where = f"{naming}, from {settings.origin}; used by {used}" if has_port else "a free port, which `up` will choose"
+    yield "naming service", where, ""
     yield "instances that run", ", ".join(running_instances()) or "none", ""
     yield "state folder", str(folder) if folder.exists() else f"{folder}, which `robocorba up` makes", ""
     if folder.exists():

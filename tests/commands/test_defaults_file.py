@@ -47,6 +47,7 @@ def test_it_chooses_a_system_where_neither_options_nor_variables_do(
     assert state_folder() == instance_folder("anna")
     with pytest.raises(NotReachable, match="anna"):
         Settings.read()
+    assert "a free port" in run("doctor").output  # whose number nobody knows yet
     assert state_folder(Path("other")) == folder / "other"
     Path("robocorba.toml").write_text('naming = "host:2810"\nstate = "state"')
     found = Settings.read()
