@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_922,
+    "lines of code": 52_923,
     "classes": 977,
     "upper-case names of modules": 1_074,
     "kernels": 66,
