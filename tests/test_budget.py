@@ -1,5 +1,5 @@
 """How much there is of everything: the numbers may only fall. A change that makes something smaller lowers its number.
-Only a part that was promised and missing may raise it: last instances, robocorba.toml, a course, advice about
+Only a part that was promised and missing may raise it: last instances, robocorba.toml, SRDF, a course, advice about
 federations, and what the console keeps and how it drives robots."""
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_923,
+    "lines of code": 52_959,
     "classes": 977,
     "upper-case names of modules": 1_074,
     "kernels": 66,
@@ -24,8 +24,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_206, "testkit": 7_047, "bench": 7_967, "robocorba/console/static": 11_860}
-WORDS_AT_MOST = {"docs": 31_958, "README.md": 857, "CHANGELOG.md": 1_769}
+LINES_AT_MOST = {"tests": 53_223, "testkit": 7_047, "bench": 7_967, "robocorba/console/static": 11_860}
+WORDS_AT_MOST = {"docs": 31_970, "README.md": 857, "CHANGELOG.md": 1_769}
 
 
 @functools.cache

@@ -21,16 +21,27 @@ def robot_model() -> None:
     """Export the robot's model for other programs."""
 
 
-@app.command()
-def urdf(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write; - is the standard output.")],
-    force: Force = False,
-) -> None:
-    """Write the robot's links, joints, limits, masses and looks as URDF, for RViz, MuJoCo, Gazebo and others."""
-    with reporting("robot-model urdf"):
-        from robocorba.robot.kinematics.urdf import urdf as document
+Output = Annotated[Path, typer.Argument(metavar="FILE", help="File to write; - is the standard output.")]
 
-        text = document()
+
+@app.command()
+def urdf(file: Output, force: Force = False) -> None:
+    """Write the robot's links, joints, limits, masses and looks as URDF, for RViz, MuJoCo, Gazebo and others."""
+    from robocorba.robot.kinematics.urdf import urdf as document
+
+    _write("urdf", document(), file, force)
+
+
+@app.command()
+def srdf(file: Output, force: Force = False) -> None:
+    """Write groups of joints, hands and links that always touch as SRDF, which MoveIt reads beside the URDF."""
+    from robocorba.robot.kinematics.srdf import srdf as document
+
+    _write("srdf", document(), file, force)
+
+
+def _write(command: str, text: str, file: Path, force: bool) -> None:
+    with reporting(f"robot-model {command}"):
         if str(file) == "-":
             sys.stdout.write(text)
             return

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 from robocorba.commands import command
 from robocorba.robot.kinematics.appearance import PAINTS
 from robocorba.robot.kinematics.body import SmartPalBody
+from robocorba.robot.kinematics.model import links
 from robocorba.robot.kinematics.mujoco_headless import specification
 from robocorba.robot.kinematics.smartpal import JOINT_ACCELERATION, JOINT_LOWER, JOINT_UPPER, JOINTS, MASS_KG
 from robocorba.robot.kinematics.urdf import urdf
@@ -120,3 +121,19 @@ def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> list[np.n
     middle, half = model.geom_aabb[geom].reshape(2, 3)
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).T.reshape(-1, 3)
     return [data.geom_xpos[geom] + data.geom_xmat[geom].reshape(3, 3) @ (middle + sign * half) for sign in signs]
+
+
+def test_the_srdf_names_what_the_urdf_has_and_allows_only_neighbours_to_touch(tmp_path: Path) -> None:
+    files = [tmp_path / f"smartpal.{kind}" for kind in ("urdf", "srdf")]
+    for file in files:
+        assert CliRunner().invoke(command(), ["robot-model", file.suffix[1:], str(file)]).exit_code == 0
+    robot, groups = (ElementTree.parse(file).getroot() for file in files)
+    joints, links_of = ({each.get("name") for each in robot.iter(tag)} for tag in ("joint", "link"))
+    assert {each.get("name") for each in groups.iter("joint")} == {*JOINTS} <= joints
+    pairs = {(each.get("link1"), each.get("link2")) for each in groups.iter("disable_collisions")}
+    assert pairs == {(link.parent, link.name) for link in links() if link.parent}
+    hands = {each.get("parent_link") for each in groups.iter("end_effector")}
+    assert {*hands, *(name for pair in pairs for name in pair)} <= links_of
+    defined = {each.get("name") for each in groups.findall("group")}
+    assert {each.get("name") for each in groups.iter("group")} == defined
+    assert {each.get("group") for tag in ("group_state", "end_effector") for each in groups.iter(tag)} <= defined
