@@ -29,7 +29,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.settings import Address
 from testkit.generated_buildings import random_trips
 from testkit.json_process import ObjectProcess
-from testkit.report import at_most, distribution, summarize, summary, timed_ms
+from testkit.report import at_most, summarize, summary, timed_ms
 
 EDITORS, PLANNERS = 2, 4
 #: Duration of the queries without edits [s].
@@ -74,7 +74,7 @@ def main(rounds: int = 3, seconds: float = 25.0) -> bool:
         at_most("longest gap during edits, ms", max(row["longest gap ms"] for row in rows[1::2]), MAX_GAP_MS),
     ]
     title = f"edits by {EDITORS} clients beside {PLANNERS} planners"
-    return summarize("editing", title, rows, marks, distribution(samples, "milliseconds"))
+    return summarize("editing", title, rows, marks, samples, "ms")
 
 
 def at_once(seconds: float, **processes: Sequence[ObjectProcess]) -> Iterator[list[Any]]:

@@ -35,7 +35,7 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import Program, dumps
 from testkit.actual_robot import running_stand_in
 from testkit.json_process import busy_process
-from testkit.report import PROGRESS, at_most, distribution, summarize, summary
+from testkit.report import PROGRESS, at_most, summarize, summary
 
 MAX_P99_MS = 5.0
 #: Time between the program's start and the first measured tick [s].
@@ -153,7 +153,7 @@ def main(seconds: float = 60.0) -> bool:
         )
     ]
     title = f"control loop at {1 / TICK_S:g} Hz, {seconds:g} s, core {busy} kept busy"
-    return summarize("control", title, rows, marks, distribution(late, "late, ms", "share of ticks that were earlier"))
+    return summarize("control", title, rows, marks, late, "late, ms")
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from testkit.buildings import rectangular
 from testkit.heartbeats import heartbeats
 from testkit.json_process import Cpu
 from testkit.missions import FLOOR, MissionSystem, RobotStart, missions
-from testkit.report import at_least, at_most, distribution, summarize
+from testkit.report import at_least, at_most, summarize
 from testkit.simulation import about
 
 MAX_COST_PERCENT, MIN_ARRIVED = 3.0, 0.99
@@ -94,7 +94,7 @@ def main(robots: int = 6, things: int = 20, minutes: float = 30.0) -> bool:
         at_most("cost of a robot, % of a core", cost, MAX_COST_PERCENT),
     ]
     title = f"{robots} robots among {things} things that no map has"
-    return summarize("perception", title, rows, marks, distribution(of, "CPU, %"))
+    return summarize("perception", title, rows, marks, of, "CPU, %")
 
 
 if __name__ == "__main__":
