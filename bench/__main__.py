@@ -17,7 +17,7 @@ BENCHES = {
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
     "robots": (
         *("kinematics", "virtual_and_actual", "control", "stops", "protection", "perception", "kept_stops"),
-        *("fleet", "fleet --robots 200 --stops 3"),
+        *("fleet", "fleet --robots 200 --stops 2"),
     ),
     "missions": (
         *("many", "network", "carry --seeds 1 --actual B", "carry --seeds 100"),

@@ -154,8 +154,9 @@ class Pages:
                 yield f"results/{name}.json is older than {since}"
             if result["is dirty"]:
                 yield f"results/{name}.json was measured with uncommitted changes"
-        rows = [row.what for table in self._tables for row in self._rows(table) if self._is_former(row)]
-        yield from (f"not measured since results are kept: {what}" for what in rows)
+        for table in self._tables:
+            if former := [row.what for row in self._rows(table) if self._is_former(row)]:
+                yield f"{table['page']}: {len(former)} rows of {table['name']} have no result yet: {' | '.join(former)}"
 
     # ---- writing ----
 
@@ -222,10 +223,8 @@ def number(value: float) -> str:
 
 
 def is_commit(commit: str) -> bool:
-    """Whether a commit exists; without the history nobody can say, and it counts as one."""
-    if git("rev-parse", "--is-shallow-repository") != "false":
-        return True
-    return git("cat-file", "-t", commit) == "commit"
+    """Whether a commit is one of the present history; where that is not there nobody can say, and it counts as one."""
+    return git("rev-parse", "--is-shallow-repository") != "false" or git("merge-base", "HEAD", commit) == commit
 
 
 def main() -> int:

@@ -1,6 +1,6 @@
 """ROS 2 beside many driving robots: rates, ages and processor time of the bridge; orders beside direct calls.
 
-    python -m bench.console.ros2 [--seconds 20] [--robots 20] [--orders-each 20]
+    python -m bench.console.ros2 [--seconds 10] [--robots 20] [--orders-each 10]
 
 A crowd of robots drives in the simulation, and one robot process stands. A foreign node of ROS subscribes to odometry
 and scans of all of them. The age of a message is the time from the moment of its simulated time, as a sampling client
@@ -118,7 +118,7 @@ def orders(crowd: Crowd, agent: RemoteAgent, node: Process, count: int) -> dict[
     return found
 
 
-def measure(seconds: float = 20.0, robots: int = 20, orders_each: int = 20) -> bool:
+def measure(seconds: float = 10.0, robots: int = 20, orders_each: int = 10) -> bool:
     python = ros2_python()
     if not python:
         raise NotMeasured("ROS 2 is not installed; see make ros2")

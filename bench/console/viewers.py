@@ -87,7 +87,7 @@ def of_sockets(address: str, pid: int, crowd: Crowd, seconds: float, count: int)
     return {"viewers": f"{count} sockets", "updates/s": slowest, **row}
 
 
-def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
+def measure(seconds: float = 10.0, robots: int = 50, viewers: int = 8) -> bool:
     browser = chromium()
     if browser is None:
         skip("pages in a browser", "Chromium is missing")

@@ -1,6 +1,6 @@
 """A hundred robots of `robocorba robots`: what idle ones take, and whether all answer and go on while forty move.
 
-    python -m bench.robots.fleet [--robots 100] [--driving 40] [--seconds 30] [--stops 0]
+    python -m bench.robots.fleet [--robots 100] [--driving 40] [--seconds 20] [--stops 0]
 
 Real processes in the five-floor sample. First nobody has a task; then some robots turn to and fro where they stand,
 with control cycles and neighbours as for any other motion. Every robot is asked for its state again and again, one
@@ -196,7 +196,7 @@ def stops_of_all(place: System, fleet: Fleet, robots: int, rounds: int) -> bool:
     return summarize("stop_all", f"stops of a fleet of {robots}", rows, marks)
 
 
-def main(robots: int = 100, driving: int = 40, seconds: float = 30.0, stops: int = 0) -> bool:
+def main(robots: int = 100, driving: int = 40, seconds: float = 20.0, stops: int = 0) -> bool:
     with system() as place, fleet_of(place, robots) as fleet:
         if stops:
             return stops_of_all(place, fleet, robots, stops)

@@ -50,7 +50,7 @@ def last_state(folder: Path, adaptor: str, seed: int) -> AgentState:
         return state
 
 
-def main(runs: int = 3) -> bool:
+def main(runs: int = 1) -> bool:
     rows, body = [], SmartPalBody()
     with folder_of_bench() as folder:
         for number in progress(range(1, runs + 1), "runs"):

@@ -1,6 +1,6 @@
 """Recovery times after kill -9 of clients, sensor servers and the simulation server.
 
-    python -m bench.simulation.chaos --rounds 20
+    python -m bench.simulation.chaos --rounds 10
 
 Three client processes with driving robots, two virtual sensor servers. Each round kills one client and one sensor
 server, and then the simulation server right after it has accepted a grip, a ride and a robot."""
@@ -25,7 +25,7 @@ TIMES = {
 LIMITS = {"stop_s": STOP_S, "free_s": RELEASE_LIMIT_S}
 
 
-def main(rounds: int = 20, seed: int = 1) -> bool:
+def main(rounds: int = 10, seed: int = 1) -> bool:
     with (
         folder_of_bench() as folder,
         simulation(folder, sensors=2) as place,

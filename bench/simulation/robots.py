@@ -96,7 +96,7 @@ def marks_of(rows: list[dict[str, Any]], count: int) -> list[Mark]:
     return marks
 
 
-def main(seconds: float = 30.0, runs: int = 3, robots: int = DEFAULT_LIMIT) -> bool:
+def main(seconds: float = 15.0, runs: int = 2, robots: int = DEFAULT_LIMIT) -> bool:
     rows, calls = [], defaultdict[str, list[float]](list)
     building = office()
     crowd = robots_in(building, 2 * robots)

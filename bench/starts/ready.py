@@ -1,6 +1,6 @@
 """`robocorba up` until `ready`.
 
-    python -m bench.starts.ready [--rounds 7]
+    python -m bench.starts.ready [--rounds 5]
     python -m bench.starts.ready --empty --rounds 1
 
 Compiled kernels are in the cache; with --empty each start has an empty one, as on a new machine."""
@@ -32,7 +32,7 @@ def start_s(folder: Path, **environment: str) -> float:
     return ready_s
 
 
-def main(rounds: int = 7, empty: bool = False) -> bool:
+def main(rounds: int = 5, empty: bool = False) -> bool:
     seconds: dict[str, float] = {}
     with folder_of_bench() as folder:
         if not empty:
