@@ -191,7 +191,7 @@ def value_of(key: str, results: list[dict[str, Any]]) -> tuple[str, list[dict[st
     marks = [mark for result in results for mark in result["marks"] if fnmatch.fnmatchcase(mark["what"], key)]
     if marks:
         return (number(marks[0]["limit"]) if how == "limit" else worst(marks)), marks
-    rows = [row for result in results for row in result["rows"] if set(cells) <= {str(each) for each in row.values()}]
+    rows = [row for result in results for row in result["rows"] if all(_has(row, cell) for cell in cells)]
     values = [row[column] for row in rows if row.get(column) is not None]
     if not values:
         raise LookupError("there is no such mark or column")
@@ -202,6 +202,12 @@ def value_of(key: str, results: list[dict[str, Any]]) -> tuple[str, list[dict[st
         low, high = number(min(numbers)), number(max(numbers))
         return (low if low == high else f"{low} to {high}"), []
     return number({"max": max, "sum": sum, "": statistics.median}[how](numbers)), []
+
+
+def _has(row: Mapping[str, Any], wanted: str) -> bool:
+    """Whether a row has a text in any column, or COLUMN=CELL."""
+    column, is_named, cell = wanted.rpartition("=")
+    return str(row.get(column)) == cell if is_named else wanted in row.values()
 
 
 def _numbers(values: Iterable[Any]) -> list[float]:
