@@ -120,8 +120,8 @@ def others_cpu_s() -> float:
 
 
 def git(*arguments: str) -> str:
-    """What git prints, empty if it fails."""
-    return subprocess.run(("git", *arguments), cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    """What git prints, empty if it fails or is not installed."""
+    return subprocess.run(("env", "git", *arguments), cwd=ROOT, capture_output=True, text=True).stdout.strip()
 
 
 #: The run of this process, which the frame of the benches begins.
