@@ -85,7 +85,7 @@ def messages(file: Path) -> int:
     return count
 
 
-def measure(seconds: float = 20.0, recorded: float = 0.0, robots: int = 50) -> bool:
+def measure(seconds: float = 15.0, recorded: float = 0.0, robots: int = 50) -> bool:
     with crowded_system(robots) as crowd:
         time.sleep(SETTLE_S)
         alone = crowd.measured(seconds / 2)

@@ -39,7 +39,7 @@ Node = tuple[str, str]
 OURS, PEER = "RoboCorba", "networkx A*"
 
 
-def main(rounds: int = 5, trips: int = 300) -> bool:
+def main(rounds: int = 3, trips: int = 300) -> bool:
     with PROGRESS.status("making the building, its planner and the graph for networkx"):
         building = grid_building()
         planner, graph = PathPlanner(building), graph_of(building, SMARTPAL_RADIUS_M)

@@ -1,6 +1,6 @@
 """Lateness of a robot's 50 Hz control loop while another process keeps a core busy.
 
-    python -m bench.robots.control [--seconds 30]
+    python -m bench.robots.control [--seconds 20]
 
 A real robot process runs a program in a real system: the base drives, arms and lumbar move; first the virtual robot,
 then the actual robot's stand-in. A process keeps the last core busy. All other processes may run on all cores, as for
@@ -126,7 +126,7 @@ def row(which: str, ticks: Floats, seconds: float) -> tuple[dict[str, Any], list
     return found, late_ms
 
 
-def main(seconds: float = 30.0) -> bool:
+def main(seconds: float = 20.0) -> bool:
     busy = max(os.sched_getaffinity(0))
     rows, late = [], {}
     with system_on_two_floors() as (folder, _, _, orb), contextlib.ExitStack() as stack:

@@ -1,6 +1,6 @@
 """Time until a robot is stationary after an emergency stop, and after the loss of a process, unit or network.
 
-    python -m bench.robots.stops [--rounds 10] [--only TEXT] [--robot virtual|actual|both]
+    python -m bench.robots.stops [--rounds 6] [--only TEXT] [--robot virtual|actual|both]
 
 A real robot process in a real system, virtual and then with the actual robot's stand-in, drives around a circle at the
 default speed cap, or moves both arms. As root, the actual robot runs in a network namespace of its own, whose cable is
@@ -224,7 +224,7 @@ def stage(which: str, place: System, has_networks: bool) -> Iterator[Stage]:
         yield stack.enter_context(contextlib.closing(Stage(place, actual, cable)))
 
 
-def main(rounds: int = 10, only: str = "", robot: str = "both") -> bool:
+def main(rounds: int = 6, only: str = "", robot: str = "both") -> bool:
     has_networks = True
     try:
         own_network()

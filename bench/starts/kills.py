@@ -1,6 +1,6 @@
 """kill -9 and SIGSTOP of each server while a client calls it: how long it is away.
 
-    python -m bench.starts.kills [--rounds 8] [--hangs 1] [--only NAME]
+    python -m bench.starts.kills [--rounds 6] [--hangs 1] [--only NAME]
 
 A process calls one object 200 times a second with a timeout of 1 s, by a reference that it keeps. `away` is the longest
 time without an answer. A server that is stopped is not continued: the supervisor must notice that it hangs."""
@@ -118,7 +118,7 @@ def marks_of(found: dict[tuple[str, str], list[float]]) -> list[Mark]:
     return marks
 
 
-def main(rounds: int = 8, hangs: int = 1, only: str = "") -> bool:
+def main(rounds: int = 6, hangs: int = 1, only: str = "") -> bool:
     found: dict[tuple[str, str], list[float]] = defaultdict(list)
     chosen = [server for server in OBJECTS if only in server]
     faults = [(server, "kill -9") for _ in range(rounds) for server in chosen]
