@@ -45,8 +45,8 @@ def in_browser(address: str, pid: int, crowd: Crowd, seconds: float, browser: st
         page.evaluate(_WATCH, FLOOR)
         monitor = crowd.measured(seconds, pid)
         drawn = page.evaluate("() => window.drawn")
-        seen_ms, simulated = zip(*drawn, strict=True)
-        delays_ms = (np.array(seen_ms) - 1e3 * crowd.at(simulated)).tolist()
+        seen_ms, simulated = np.array(drawn).reshape(-1, 2).T
+        delays_ms = (seen_ms - 1e3 * crowd.at(simulated)).tolist() or [float("nan")]
         page.set_viewport_size(SCENE_SIZE)  # type: ignore[arg-type]
         page.goto(f"{address}3d")
         page.wait_for_timeout(2 * SETTLE_S * 1e3)
