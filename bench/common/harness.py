@@ -12,6 +12,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from rich.progress import track
@@ -21,24 +22,30 @@ from robocorba.map_editor.model import Building
 from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 from robocorba.system.repeating import Repeating
+from testkit import report
 from testkit.json_process import ProcessFailed
 from testkit.processes import Launcher, Running, running_system
-from testkit.report import PROGRESS, timed_ms
+from testkit.report import PROGRESS, NotMeasured, timed_ms
 
 T = TypeVar("T")
 #: Exit code of a bench that could not measure.
 NOT_MEASURED = 3
-
-
-class NotMeasured(Exception):
-    """What a bench needs is not there, such as the right to make network namespaces."""
+#: The rooms of robocorba/ that the benches of a subject measure, where they name no other paths as MEASURES.
+ROOMS = {
+    "planning": ("planning", "map_editor"),
+    "robots": ("robot",),
+    "missions": ("missions", "robot"),
+    "starts": ("system", "orb"),
+    "chaos": ("orb", "events", "simulation"),
+}
 
 
 def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
     """Run a bench with an option for each parameter of `measure`, and exit with 0 if it returned True, 1 if it missed a
     mark, NOT_MEASURED if it raised NotMeasured.
 
-    Types and defaults are those of the parameters. texts: help of an option; `A|B` gives its choices."""
+    Types and defaults are those of the parameters. texts: help of an option; `A|B` gives its choices. Results of a run
+    with other options than the default ones have them in their names."""
     parser = argparse.ArgumentParser(
         description=sys.modules[measure.__module__].__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -56,6 +63,8 @@ def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
     options = vars(parser.parse_args())
     positional = next((value for value in options.values() if isinstance(value, list)), [])
     named = {name: value for name, value in options.items() if not isinstance(value, list)}
+    changed = {name: value for name, value in named.items() if value != parser.get_default(name)}
+    report.run = report.Run(options, changed, measured_paths(sys.modules[measure.__module__]))
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         sys.exit(0 if measure(*positional, **named) else 1)
@@ -64,6 +73,20 @@ def run(measure: Callable[..., bool], **texts: str) -> NoReturn:
         sys.exit(NOT_MEASURED)
     except (ProcessFailed, KeyboardInterrupt) as error:
         sys.exit(f"bench: {str(error) or 'stopped'}")
+
+
+def measured_paths(bench: ModuleType) -> list[str]:
+    """The bench itself, and what it measures."""
+    subject = (bench.__spec__.name if bench.__spec__ else "").split(".")[1:2]
+    rooms = [f"robocorba/{room}" for each in subject for room in ROOMS.get(each, (each,))]
+    return [str(Path(str(bench.__file__)).relative_to(report.ROOT)), *getattr(bench, "MEASURES", rooms)]
+
+
+def skip(what: str, why: str) -> None:
+    """Note in the results what this run does not measure."""
+    PROGRESS.print(f"not measured: {what}: {why}")
+    if report.run:
+        report.run.skipped.append(f"{what}: {why}")
 
 
 def progress(items: Iterable[T], what: str, total: int | None = None) -> Iterable[T]:

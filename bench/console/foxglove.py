@@ -23,7 +23,7 @@ from bench.console.crowd import Crowd, crowded_system
 from robocorba.simulation.recording import Recording
 from testkit.foxglove_client import FoxgloveClient
 from testkit.processes import ROBOCORBA
-from testkit.report import at_least, at_most, bars, summarize
+from testkit.report import at_least, at_most, summarize
 
 #: Time before each measurement [s].
 SETTLE_S = 3.0
@@ -85,7 +85,7 @@ def messages(file: Path) -> int:
     return count
 
 
-def measure(seconds: float = 60.0, recorded: float = 0.0, robots: int = 50) -> bool:
+def measure(seconds: float = 15.0, recorded: float = 0.0, robots: int = 50) -> bool:
     with crowded_system(robots) as crowd:
         time.sleep(SETTLE_S)
         alone = crowd.measured(seconds / 2)
@@ -98,8 +98,7 @@ def measure(seconds: float = 60.0, recorded: float = 0.0, robots: int = 50) -> b
         at_most("recorded for Foxglove, x compact", written["x compact"], 3.0),
         at_most("converted, x compact", converted["x compact"], 3.0),
     ]
-    picture = bars({row["what"]: row["kB/s"] for row in rows[1:]}, "kB/s")
-    return summarize("console_foxglove", f"Foxglove beside {robots} robots", rows, marks, picture)
+    return summarize("console_foxglove", f"Foxglove beside {robots} robots", rows, marks)
 
 
 if __name__ == "__main__":

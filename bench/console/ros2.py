@@ -1,6 +1,6 @@
 """ROS 2 beside many driving robots: rates, ages and processor time of the bridge; orders beside direct calls.
 
-    python -m bench.console.ros2 [--seconds 20] [--robots 20] [--orders-each 20]
+    python -m bench.console.ros2 [--seconds 10] [--robots 20] [--orders-each 10]
 
 A crowd of robots drives in the simulation, and one robot process stands. A foreign node of ROS subscribes to odometry
 and scans of all of them. The age of a message is the time from the moment of its simulated time, as a sampling client
@@ -28,7 +28,7 @@ from testkit.generated_buildings import office
 from testkit.generated_buildings import robots as robots_in
 from testkit.json_process import Process
 from testkit.processes import ROBOCORBA, drain, eventually
-from testkit.report import at_least, at_most, bars, summarize, summary
+from testkit.report import at_least, at_most, summarize, summary
 from testkit.ros2_environment import python_path, ros2_python
 
 #: The robot that gets orders, the ROS domain of this bench, and the velocity of its turns [rad/s].
@@ -118,7 +118,7 @@ def orders(crowd: Crowd, agent: RemoteAgent, node: Process, count: int) -> dict[
     return found
 
 
-def measure(seconds: float = 20.0, robots: int = 20, orders_each: int = 20) -> bool:
+def measure(seconds: float = 10.0, robots: int = 20, orders_each: int = 10) -> bool:
     python = ros2_python()
     if not python:
         raise NotMeasured("ROS 2 is not installed; see make ros2")
@@ -153,8 +153,7 @@ def measure(seconds: float = 20.0, robots: int = 20, orders_each: int = 20) -> b
         at_most("cmd_vel to motion beside a direct call, ms more", more_ms, 20.0),
         at_least("pace beside that without ROS", bridged["pace"] / alone["pace"], 0.98),
     ]
-    picture = bars(medians, "order to motion, ms")
-    return summarize("console_ros2", f"ROS 2 beside {robots} driving robots", rows, marks, picture)
+    return summarize("console_ros2", f"ROS 2 beside {robots} driving robots", rows, marks, samples)
 
 
 def _names(orb: Orb) -> list[str]:

@@ -2,7 +2,7 @@
 
 python -m bench.console.viewers [--seconds S] [--robots N] [--viewers N]
 
-It needs Chromium, which draws without a graphics card, and keeps a picture of each page. The delay is from the step of
+It needs Chromium, which draws without a graphics card. The delay is from the step of
 the simulation to the picture."""
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from websockets.sync.client import connect
 
-from bench.common.harness import run
+from bench.common.harness import run, skip
 from bench.console.crowd import FLOOR, Crowd, crowded_system
 from robocorba.system.names import CONSOLE
 from testkit.browser import chromium, headless
-from testkit.report import PROGRESS, RESULTS, at_least, at_most, bars, quantile, summarize
+from testkit.report import at_least, at_most, quantile, summarize
 
 #: Time for a page to draw at its final rate before the measurement [s].
 SETTLE_S = 6.0
@@ -45,16 +45,14 @@ def in_browser(address: str, pid: int, crowd: Crowd, seconds: float, browser: st
         page.evaluate(_WATCH, FLOOR)
         monitor = crowd.measured(seconds, pid)
         drawn = page.evaluate("() => window.drawn")
-        seen_ms, simulated = zip(*drawn, strict=True)
-        delays_ms = (np.array(seen_ms) - 1e3 * crowd.at(simulated)).tolist()
-        page.screenshot(path=RESULTS / "console_monitor.png")
+        seen_ms, simulated = np.array(drawn).reshape(-1, 2).T
+        delays_ms = (seen_ms - 1e3 * crowd.at(simulated)).tolist() or [float("nan")]
         page.set_viewport_size(SCENE_SIZE)  # type: ignore[arg-type]
         page.goto(f"{address}3d")
         page.wait_for_timeout(2 * SETTLE_S * 1e3)
         before, began = page.evaluate(_PICTURES), time.monotonic()
         scene = crowd.measured(seconds, pid)
         pictures = (page.evaluate(_PICTURES) - before) / (time.monotonic() - began)
-        page.screenshot(path=RESULTS / "console_3d.png")
     return (
         {"viewers": "monitor", "updates/s": len(drawn) / seconds, "p95 ms": quantile(delays_ms, 0.95), **monitor},
         {"viewers": "3D", "updates/s": pictures, **scene},
@@ -89,10 +87,10 @@ def of_sockets(address: str, pid: int, crowd: Crowd, seconds: float, count: int)
     return {"viewers": f"{count} sockets", "updates/s": slowest, **row}
 
 
-def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
+def measure(seconds: float = 10.0, robots: int = 50, viewers: int = 8) -> bool:
     browser = chromium()
     if browser is None:
-        PROGRESS.print("Chromium is missing: only viewers without a browser are measured")
+        skip("pages in a browser", "Chromium is missing")
     with crowded_system(robots, "--console", "--console-port", "0") as crowd:
         address, pid = crowd.place.running.record().console_address, crowd.place.running.pid(CONSOLE)
         time.sleep(SETTLE_S)
@@ -112,8 +110,7 @@ def measure(seconds: float = 20.0, robots: int = 50, viewers: int = 8) -> bool:
                 at_most("console with one monitor, share of a core", monitor["cores"], 0.15),
                 at_least("pictures of the 3D page each second, 1000 x 650", scene["updates/s"], 15.0),
             ]
-    picture = bars({row["viewers"]: row["cores"] for row in rows}, "share of a core")
-    return summarize("console_viewers", f"The console beside {robots} robots", rows, marks, picture)
+    return summarize("console_viewers", f"The console beside {robots} robots", rows, marks)
 
 
 if __name__ == "__main__":

@@ -23,7 +23,7 @@ from bench.events.network.report import Interval, ratio
 from robocorba.events.advice import AS_GOOD
 from robocorba.system.supervision.launch import module_command
 from testkit.json_process import Process, checkout_command
-from testkit.report import at_least, curves, summarize
+from testkit.report import at_least, summarize
 
 #: The hosts of each sub-network: of its channels, and of its robots.
 HOSTS = {
@@ -179,10 +179,8 @@ def main(quick: bool = False) -> bool:
     rows = [one.row() for one in found]
     print(*(f"{row['network']}: {row['sentence']}" for row in rows), sep="\n")
     marks = [at_least("networks with the right advice", sum(one.is_right for one in found), len(found))]
-    ratios = {"measured": [one.ratio_to(one.best).value for one in found]}
-    ratios["predicted"] = [one.advice["ratio"] for one in found]
-    draw = curves(range(1, len(found) + 1), ratios, "network", ylabel="federated / best central", ylim=(0, None))
-    return summarize("event_advice", "Advice and truth", rows, marks, draw, list(rows[0])[:-1])
+    samples = {f"{one.case.name}, {set_up}": ms for one in found for set_up, ms in one.ms.items()}
+    return summarize("event_advice", "Advice and truth", rows, marks, samples, "ms", list(rows[0])[:-1])
 
 
 if __name__ == "__main__":

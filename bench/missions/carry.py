@@ -13,7 +13,7 @@ import contextlib
 import math
 import random
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -28,7 +28,7 @@ from testkit.actual_robot import running_stand_in
 from testkit.generated_buildings import random_places
 from testkit.missions import FLOOR, MissionSystem, RobotStart, Watch, missions
 from testkit.processes import eventually
-from testkit.report import Mark, at_least, at_most, curves, quantile, summarize
+from testkit.report import Mark, at_least, at_most, quantile, summarize
 
 NAME = "missions"
 BUILDING, TABLE, LEADER = "paper-scene", "table", "A"
@@ -74,7 +74,8 @@ def _carry(place: MissionSystem, seed: int, way: str, to: tuple[float, float, fl
     with Watch(place, TABLE) as watch:
         user = place.mission(LEADER, TABLE, f"{FLOOR}:{to[0]:.3f},{to[1]:.3f},{to[2]:.4f}")
         result, why = place.result(user, MISSION_LIMIT_S)
-    eventually(lambda: all(map(place.is_free, CREW)), 60.0, "all are free")
+    with contextlib.suppress(AssertionError):  # then the missions behind it fail too, and count
+        eventually(lambda: all(map(place.is_free, CREW)), 60.0, "all are free")
     at, found = place.body(TABLE), {} if result == "error" else place.report(LEADER)
     skews = [phase["skew_ms"] for phase in found.get("phases", ()) if phase["skew_ms"] is not None]
     row = {
@@ -104,7 +105,12 @@ def _spread_out(place: MissionSystem, seed: int) -> None:
         if len(chosen) == len(CREW):
             break
     rng = random.Random(seed)
-    for name, spot in zip(CREW, chosen, strict=True):  # one after another, so that they cannot block each other
+    with contextlib.suppress(AssertionError):  # as above
+        _drive_there(place, dict(zip(CREW, chosen, strict=True)), rng)
+
+
+def _drive_there(place: MissionSystem, spots: Mapping[str, Place], rng: random.Random) -> None:
+    for name, spot in spots.items():  # one after another, so that they cannot block each other
         agent = place.agent(name)
         heading = rng.uniform(-math.pi, math.pi)
         eventually(partial(place.is_free, name), DRIVE_LIMIT_S, f"{name} is free")
@@ -119,7 +125,8 @@ def marks(carried: Sequence[Carried]) -> list[Mark]:
     rows, skews = [one.row for one in carried], [skew for one in carried for skew in one.skews_ms]
 
     def most(column: str) -> float:
-        return float(max(row[column] for row in rows))
+        """Of the missions in which it could be measured."""
+        return max((float(row[column]) for row in rows if not math.isnan(row[column])), default=math.nan)
 
     right = [
         row["result"] == "done" and row["table off, mm"] <= 1000 * TABLE_M and row["deg"] <= TABLE_DEG for row in rows
@@ -137,10 +144,7 @@ def marks(carried: Sequence[Carried]) -> list[Mark]:
 
 def report(name: str, title: str, carried: Sequence[Carried], more: Sequence[Mark] = ()) -> bool:
     """Whether all marks were reached."""
-    columns = ("table off, mm", "grips off, mm", "tick skew p99, ms")
-    values = {column: [one.row[column] for one in carried] for column in columns}
-    draw = curves(range(1, len(carried) + 1), values, "mission")
-    return summarize(name, title, [one.row for one in carried], [*marks(carried), *more], draw)
+    return summarize(name, title, [one.row for one in carried], [*marks(carried), *more])
 
 
 def main(seeds: int = 5, first: int = 1, actual: str = "") -> bool:
@@ -157,7 +161,7 @@ def main(seeds: int = 5, first: int = 1, actual: str = "") -> bool:
         carried = list(carries(place, range(first, first + seeds)))
     title = f"the paper's scene, {seeds} seeds, {len(carried)} missions"
     title += f", actual: {', '.join(names)}" if names else ""
-    return report(f"{NAME}_actual" if names else NAME, title, carried)
+    return report(NAME, title, carried)
 
 
 if __name__ == "__main__":

@@ -31,14 +31,16 @@ from bench.missions.in_the_way import CASES, Obstacles
 from bench.missions.network import TwoNetworks, two_networks
 from bench.missions.sites import SITES, Site
 from bench.missions.witness import Witness
+from robocorba.errors.base import RoboCorbaError
 from robocorba.simulation.corba.remote_database import RemoteDatabase
 from robocorba.simulation.mission_record import MissionContent, MissionState
 from robocorba.simulation.registry import Pose
 from testkit.faults import WAYS, hang_for, stop_robot
+from testkit.json_process import ProcessFailed
 from testkit.missions import MissionSystem, RobotStart
 from testkit.missions import missions as mission_system
 from testkit.processes import eventually
-from testkit.report import Mark, at_least, at_most, distribution, quantile, summarize
+from testkit.report import Mark, at_least, at_most, quantile, summarize
 
 SERVERS = ("simulation", "map_editor", "omniNames", "events_lab", "events_hall")
 #: Least shares of the missions that are done with a fault; a robot that stands, and what is in the way, may stay there.
@@ -64,6 +66,10 @@ DROVE_ON_S = 0.5
 FREE_LIMIT_S, GONE_LIMIT_S = 120.0, 20.0
 #: One-way delay of the link that is cut [ms].
 DELAY_MS = 1.0
+
+
+#: What happened to a mission that had ended before its fault: if it was done, that says nothing about the fault.
+TOO_LATE = "too late"
 
 
 class Struck(NamedTuple):
@@ -116,6 +122,14 @@ class Trials:
         }
 
     def mission(self, fault: str, deadline_s: float = math.inf) -> Outcome:
+        """One that cannot even begin, because of what an earlier one has left behind, has failed."""
+        try:
+            return self._mission(fault, deadline_s)
+        except (AssertionError, ProcessFailed, RoboCorbaError) as error:
+            why = f"broke off: {str(error)[:300]}"
+            return Outcome(fault, "broke off", 0.0, "error", why, math.inf, math.inf, 0.0, 0, (why,))
+
+    def _mission(self, fault: str, deadline_s: float) -> Outcome:
         self._restore()
         at = self._at()
         goal = max(self._site.goals, key=lambda each: (each.floor != at.floor, math.dist(each[1:3], at[1:3])))
@@ -174,7 +188,7 @@ class Trials:
             return Struck(case, now, now, "|".join(self._obstacles.names(case)))
         if fault == "nothing":
             return Struck(fault, now, now)
-        longest_s = statistics.median(self._took_s)
+        longest_s = statistics.median(self._took_s or [LIMIT_S])
         if self._phase:  # a plan need not have it, such as one that begins where another mission has left the object
             longest_s = 5.0
             eventually(lambda: user.poll() is not None or self._place.has_begun(leader, self._phase), LIMIT_S)
@@ -183,7 +197,7 @@ class Trials:
         with contextlib.suppress(subprocess.TimeoutExpired):
             user.wait(self._random.uniform(0.0, longest_s))
         if user.poll() is not None:
-            return Struck("too late", now, time.monotonic())
+            return Struck(TOO_LATE, now, time.monotonic())
         struck = self._strikes[fault]()
         if fault == "cut":
             moved = witness.drivers(struck.began + LOST_S, struck.over)
@@ -348,9 +362,16 @@ def row(what: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
     }
 
 
+def judged_of(fault: str, outcomes: Sequence[Outcome]) -> list[Outcome]:
+    """The missions by which a fault is judged. Whatever was not done is among them, also what failed because of what an
+    earlier mission had left behind."""
+    faults = SURVIVED if fault == "all" else (fault,)
+    return [one for one in outcomes if one.fault in faults and (one.what != TOO_LATE or one.result != "done")]
+
+
 def marks_of(fault: str, outcomes: Sequence[Outcome]) -> list[Mark]:
     touched = sum(any(each.startswith("touched") for each in one.wrong) for one in outcomes)
-    judged = [one for one in outcomes if one.fault in (SURVIVED if fault == "all" else (fault,))]
+    judged = judged_of(fault, outcomes)
     least = SURVIVING if fault == "all" else DONE.get(fault)
     marks = [
         at_most("missions with errors", sum(bool(one.wrong) for one in outcomes), 0),
@@ -367,18 +388,17 @@ def main(missions: int = 13, seed: int = 1, site: str = "", fault: str = "all", 
     site = site or {"ways": "hall", "cut": "door"}.get(fault, "rooms")
     if fault == "ways" and site != "hall":
         sys.exit("faults: ways needs the site hall")
-    outcomes: dict[str, list[Outcome]] = {}
+    every: list[Outcome] = []
     with trials(site, fault, phase, seed) as found:
         for each in progress(faults_of(fault, missions, seed), site):
             one = found.mission(each, DEADLINE_S if fault == "all" and each in SURVIVED else math.inf)
-            outcomes.setdefault(one.what, []).append(one)
+            every.append(one)
             when = f"at {one.at_s:.1f} s\tended {one.end_s:.1f} s later\t{one.attempts} attempts"
             print(one.what, when, one.result, one.reason, *one.wrong, sep="\t", flush=True)
-    rows = [row(*each) for each in outcomes.items()]
-    marks = marks_of(fault, [one for some in outcomes.values() for one in some])
-    samples = {what: [one.end_s for one in some] for what, some in outcomes.items()}
-    draw = distribution(samples, "s from the fault to the end", "share of missions")
-    return summarize(f"mission_faults_{fault}", f"carries at {site}, with the fault {fault}", rows, marks, draw)
+    rows = [row(what, [one for one in every if one.what == what]) for what in dict.fromkeys(one.what for one in every)]
+    rows += [row("judged", judged) for judged in (judged_of(fault, every),) if judged]
+    title, missions_told = f"carries at {site}, with the fault {fault}", [one._asdict() for one in every]
+    return summarize("mission_faults", title, rows, marks_of(fault, every), missions=missions_told)
 
 
 if __name__ == "__main__":

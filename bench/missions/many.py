@@ -36,7 +36,7 @@ from robocorba.system.repeating import Repeating
 from testkit.buildings import rectangular
 from testkit.missions import FLOOR, MissionSystem, RobotStart
 from testkit.missions import missions as mission_system
-from testkit.report import at_least, at_most, bars, summarize
+from testkit.report import at_least, at_most, summarize
 
 SUBNETS = ("west", "middle", "east")
 UPPER = "L2"
@@ -270,7 +270,7 @@ def main(missions: int = 10) -> bool:
         at_least("throughput, of first come first served by the first free elevator", ideal_s / took_s, 0.8),
     ]
     title = f"{missions} simultaneous missions, {3 * missions} robots: {done} done, {collisions} collisions"
-    return summarize("many_missions", title, rows, marks, bars({row["leader"]: row["seconds"] for row in rows}, "s"))
+    return summarize("many_missions", title, rows, marks)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from robocorba.planning.elevators import ride
 from robocorba.planning.planner import PathPlanner
 from robocorba.planning.request import SMARTPAL_RADIUS_M, PathRequest, Place, RouteMode
 from testkit.generated_buildings import grid_building, random_trips
-from testkit.report import PROGRESS, at_least, at_most, distribution, summarize, summary, timed_ms
+from testkit.report import PROGRESS, at_least, at_most, summarize, summary, timed_ms
 
 #: networkx is slow: it gets one in this many trips.
 PEER_EVERY = 3
@@ -39,7 +39,7 @@ Node = tuple[str, str]
 OURS, PEER = "RoboCorba", "networkx A*"
 
 
-def main(rounds: int = 5, trips: int = 300) -> bool:
+def main(rounds: int = 3, trips: int = 300) -> bool:
     with PROGRESS.status("making the building, its planner and the graph for networkx"):
         building = grid_building()
         planner, graph = PathPlanner(building), graph_of(building, SMARTPAL_RADIUS_M)
@@ -117,7 +117,7 @@ def in_process(planner: PathPlanner, building: Building, graph: nx.DiGraph[Node]
         at_most("planner, median ms", median, MAX_MEDIAN_MS),
         at_least("networkx's median to the planner's, median of rounds", ratio, MIN_RATIO),
     ]
-    return summarize("large_building", title, rows, marks, distribution(samples, "milliseconds"))
+    return summarize("large_building", title, rows, marks, samples, "ms")
 
 
 def over_iiop(building: Building, trips: int) -> bool:
@@ -130,7 +130,7 @@ def over_iiop(building: Building, trips: int) -> bool:
     median = statistics.median(ms[PATH])
     title = f"getPath over IIOP, 100,000 nodes, 10 floors: {median:.2f} ms at the median"
     marks = [at_most("getPath over IIOP, median ms", median, MAX_MEDIAN_MS)]
-    return summarize("large_building_server", title, [row], marks, distribution(ms, "milliseconds"))
+    return summarize("large_building_server", title, [row], marks, ms, "ms")
 
 
 if __name__ == "__main__":

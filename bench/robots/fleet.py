@@ -1,6 +1,6 @@
 """A hundred robots of `robocorba robots`: what idle ones take, and whether all answer and go on while forty move.
 
-    python -m bench.robots.fleet [--robots 100] [--driving 40] [--seconds 30] [--stops 0]
+    python -m bench.robots.fleet [--robots 100] [--driving 40] [--seconds 20] [--stops 0]
 
 Real processes in the five-floor sample. First nobody has a task; then some robots turn to and fro where they stand,
 with control cycles and neighbours as for any other motion. Every robot is asked for its state again and again, one
@@ -31,7 +31,7 @@ from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
 from testkit.json_process import Cpu, ProcessFailed
 from testkit.processes import ROBOCORBA, command_line, drain
-from testkit.report import at_most, curves, distribution, summarize, summary, timed_ms
+from testkit.report import at_most, summarize, summary, timed_ms
 
 START_LIMIT_S = 300.0
 #: Time before a measurement begins [s].
@@ -140,8 +140,7 @@ def idle_and_moving(place: System, fleet: Fleet, robots: int, driving: int, seco
         at_most("leases lost", expired, 0),
         at_most("moving robots that stopped", len(stopped), 0),
     ]
-    draw = distribution({row["when"]: [row["answers p50, ms"], row["p99"], row["worst"]] for row in rows}, "ms")
-    return summarize("fleet", f"{robots} robots, {len(drivers)} of which move", rows, marks, draw)
+    return summarize("fleet", f"{robots} robots, {len(drivers)} of which move", rows, marks)
 
 
 # ---- stops of all ----
@@ -194,12 +193,10 @@ def stops_of_all(place: System, fleet: Fleet, robots: int, rounds: int) -> bool:
     ]
     marks.append(at_most("robots that did not start", robots - len(fleet), 0))
     marks.append(at_most("slowest stop of all, s", max(row["after, s"] for row in rows), MAX_STAND_S))
-    times = {what: [row[what] for row in rows] for what in ("after, s", "resets took, s")}
-    draw = curves(range(1, rounds + 1), times, "round")
-    return summarize("stop_all", f"stops of a fleet of {robots}", rows, marks, draw)
+    return summarize("stop_all", f"stops of a fleet of {robots}", rows, marks)
 
 
-def main(robots: int = 100, driving: int = 40, seconds: float = 30.0, stops: int = 0) -> bool:
+def main(robots: int = 100, driving: int = 40, seconds: float = 20.0, stops: int = 0) -> bool:
     with system() as place, fleet_of(place, robots) as fleet:
         if stops:
             return stops_of_all(place, fleet, robots, stops)

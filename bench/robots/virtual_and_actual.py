@@ -19,7 +19,7 @@ from robocorba.robot.agent_state import AgentState, ProgramResult
 from robocorba.robot.kinematics.body import SmartPalBody
 from testkit.actual_robot import running_stand_in
 from testkit.processes import running_system
-from testkit.report import at_most, curves, summarize
+from testkit.report import at_most, summarize
 from testkit.virtual_and_actual import BASE_M, HAND_M, TURNED_RAD, difference, robot_process
 
 ROBOT = "A"
@@ -50,7 +50,7 @@ def last_state(folder: Path, adaptor: str, seed: int) -> AgentState:
         return state
 
 
-def main(runs: int = 3) -> bool:
+def main(runs: int = 1) -> bool:
     rows, body = [], SmartPalBody()
     with folder_of_bench() as folder:
         for number in progress(range(1, runs + 1), "runs"):
@@ -63,7 +63,7 @@ def main(runs: int = 3) -> bool:
     columns = {what: [row[what] for row in rows] for what in LIMITS}
     marks = [at_most(f"{what}, at the end", max(columns[what]), limit) for what, limit in LIMITS.items()]
     title = f"{PROGRAM.stem} on a virtual and on an actual robot"
-    return summarize("virtual_and_actual", title, rows, marks, curves(range(1, runs + 1), columns, "run"))
+    return summarize("virtual_and_actual", title, rows, marks)
 
 
 if __name__ == "__main__":

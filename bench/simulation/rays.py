@@ -20,7 +20,7 @@ from bench.common.harness import alternately, run
 from robocorba.map_editor.spatial.arrays import Floats
 from robocorba.simulation.sensing.fan import Fan
 from robocorba.simulation.sensing.visible_obstacles import VisibleObstacles
-from testkit.report import at_least, at_most, bars, summarize, summary
+from testkit.report import at_least, at_most, summarize, summary
 
 FULL = Fan(-math.pi, 2 * math.pi / 360, 360, 30.0)
 #: Number of walls, side of the floor [m], required million rays per second.
@@ -70,7 +70,7 @@ def by_pymunk(walls: list[shapely.Geometry], places: Floats) -> Callable[[], Flo
 
 def main() -> bool:
     rows: list[dict[str, Any]] = []
-    marks = []
+    marks, samples = [], {}
     for walls, side, least in FLOORS:
         obstacles, places = floor(walls, side), poses(SCANS, side)
         scene, few = VisibleObstacles(obstacles), places[:FEW]
@@ -79,12 +79,12 @@ def main() -> bool:
         ms = alternately([{"ours": partial(scene.scan, places, FULL), "pymunk": peer}] * ROUNDS)
         for by, scans in (("ours", SCANS), ("pymunk", FEW)):
             rates = [scans * FULL.count / took_ms / 1e3 for took_ms in ms[by]]
+            samples[f"{by}, {walls} walls"] = rates
             rows.append({"walls": walls, "by": by, **summary(rates, "M rays/s"), "worst round": min(rates)})
         marks.append(at_least(f"{walls} walls, million rays a second", rows[-2]["M rays/s"], least))
         marks.append(at_most(f"{walls} walls, largest difference from pymunk, m", worst, 1e-6))
-    rates_of = {f"{row['by']}, {row['walls']} walls": row["M rays/s"] for row in rows}
     title = f"{FULL.count} rays of {FULL.range_m:g} m, one core"
-    return summarize("rays", title, rows, marks, bars(rates_of, "million rays a second", "log"))
+    return summarize("rays", title, rows, marks, samples, "million rays a second")
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ from robocorba.simulation.picture import FloorPainter
 from robocorba.simulation.robot_scans import LastScan
 from robocorba.simulation.sensing.scan import LASER
 from robocorba.simulation.sensing.visible_obstacles import VisibleObstacles
-from testkit.report import at_most, distribution, summarize, summary, timed_ms
+from testkit.report import at_most, summarize, summary, timed_ms
 
 FLOOR, WIDTH_PX = "L1", 1200
 ROBOTS, LASERS, RADIUS_M = 50, 8, 0.4
@@ -84,8 +84,7 @@ def main() -> bool:
     rows.append({"by": "ours, first of a floor", "pictures": 1, "median ms": first_ms})
     marks = [at_most("a picture, median ms", statistics.median(took["ours"]), MAX_MS)]
     title = f"{ROBOTS} robots and {LASERS} lasers, {WIDTH_PX} pixels wide, {len(png) / 1000:.0f} kB"
-    draw = distribution(took, "milliseconds", "share of pictures that took less")
-    return summarize("render", title, rows, marks, draw)
+    return summarize("render", title, rows, marks, took, "ms")
 
 
 if __name__ == "__main__":

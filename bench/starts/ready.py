@@ -1,6 +1,6 @@
 """`robocorba up` until `ready`.
 
-    python -m bench.starts.ready [--rounds 7]
+    python -m bench.starts.ready [--rounds 5]
     python -m bench.starts.ready --empty --rounds 1
 
 Compiled kernels are in the cache; with --empty each start has an empty one, as on a new machine."""
@@ -15,7 +15,7 @@ from statistics import median
 from bench.common.harness import folder_of_bench, progress, run
 from robocorba.system.claimed_ports import claimed_ports
 from testkit.processes import Launcher, drain, real_system
-from testkit.report import at_most, bars, summarize
+from testkit.report import at_most, summarize
 
 #: Required median time of a start with compiled kernels [s].
 MAX_S = 2.5
@@ -32,7 +32,7 @@ def start_s(folder: Path, **environment: str) -> float:
     return ready_s
 
 
-def main(rounds: int = 7, empty: bool = False) -> bool:
+def main(rounds: int = 5, empty: bool = False) -> bool:
     seconds: dict[str, float] = {}
     with folder_of_bench() as folder:
         if not empty:
@@ -44,8 +44,7 @@ def main(rounds: int = 7, empty: bool = False) -> bool:
             seconds[str(number)] = start_s(place, **environment)
     rows = [{"start": number, "ready after, s": took_s} for number, took_s in seconds.items()]
     marks = [] if empty else [at_most("ready after, median, s", median(seconds.values()), MAX_S)]
-    name, title = ("starts_empty", "without kernels") if empty else ("starts_ready", "with compiled kernels")
-    return summarize(name, f"`robocorba up` {title}", rows, marks, bars(seconds, "s until ready"))
+    return summarize("starts_ready", f"`robocorba up` {'without' if empty else 'with'} compiled kernels", rows, marks)
 
 
 if __name__ == "__main__":

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import itertools
 import json
+import math
+import re
 import sys
 import threading
 import time
@@ -14,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.axes import Axes
 
+from bench.__main__ import BENCHES, ROOT
 from bench.common.harness import NOT_MEASURED, NotMeasured, run
 from bench.events.channel.processes import Arrivals, Tally, stamped
 from bench.events.network import report as network_report
@@ -105,44 +106,34 @@ def test_the_report_of_the_network(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert verdicts.pop("ratio, 1 ms, scans of A, B, central in II") is False
     assert verdicts["cost, 10BASE-T, scans of A, B, central in I"] and all(verdicts.values())
     monkeypatch.setattr(report, "RESULTS", tmp_path)
-    assert network_report.write_report("good", [one for one in runs if one.case.link == PAPER], 0.0, {})
+    assert network_report.write_report([one for one in runs if one.case.link == PAPER], 0.0, {})
     for others_cores, busy, reason in ((0.5, 0.5, "0.50 cores"), (0.0, 0.9, "40 points")):
         bad = [outcome(set_up, us[set_up], cases[0], busy) for set_up in SET_UPS]
         with pytest.raises(NotMeasured, match=f"invalid: .*{reason}"):
-            network_report.write_report("bad", bad, others_cores, {})
+            network_report.write_report(bad, others_cores, {})
     polling = [outcome(each, us[each], Case(POLLING, PAPER, "A, B", 0.9), 0.7) for each in SET_UPS]
-    assert network_report.write_report("good", polling, 0.0, {}), "a leader that is the load itself can't reach each"
+    assert network_report.write_report(polling, 0.0, {}), "a leader that is the load itself can't reach each"
 
 
-ROWS: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5, "lost": 0}, {"peer": "b", "lost": 12345}]
-
-
-@pytest.mark.parametrize("value", [1.0, 3.0])
+@pytest.mark.parametrize("value, verdict", [(1.0, "reached"), (3.0, "missed by 1"), (math.nan, "not measured")])
 def test_a_summary_is_printed_and_written(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: float
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: float, verdict: str
 ) -> None:
     monkeypatch.setattr(report, "RESULTS", tmp_path)
-
-    def draw(axes: Axes) -> None:
-        axes.plot([1, 2], [1, 2])
-
-    reached = summarize("some", "A title", ROWS, [at_most("a ratio", value, 2.0)], draw)
-
-    assert reached == (value <= 2.0)
+    monkeypatch.setattr(report, "run", report.Run({"rounds": 3, "only": "a b"}, {"only": "a b"}, ["bench"]))
+    rows: list[dict[str, Any]] = [{"peer": "a", "p50": 1.5}, {"peer": "b", "lost": 12345, "p50": math.nan}]
+    marks, samples = [at_most("a ratio", value, 2.0)], {"few": [1.0, 2.0], "many": list(range(1001))}
+    assert summarize("some", "A title", rows, marks, samples, "ms") == (verdict == "reached")
     printed = capsys.readouterr().out
-    assert "A title" in printed and "12,345" in printed
-    assert ("reached" if reached else "missed") in printed
-    found = json.loads((tmp_path / "some.json").read_text())
-    assert found["rows"] == ROWS
-    assert found["marks"] == [
-        {"what": "a ratio", "value": value, "relation": "at most", "limit": 2.0, "reached": reached}
-    ]
-    with (tmp_path / "some.csv").open(newline="") as file:
-        assert list(csv.DictReader(file)) == [
-            {"peer": "a", "p50": "1.5", "lost": "0"},
-            {"peer": "b", "p50": "", "lost": "12345"},
-        ]
-    assert (tmp_path / "some.png").read_bytes().startswith(b"\x89PNG")
+    assert "A title" in printed and "12,345" in printed and verdict in printed
+    found = json.loads((tmp_path / "some-only-a-b.json").read_text())
+    assert (found["rows"], found["marks"][0]["verdict"]) == ([rows[0], {**rows[1], "p50": "not measured"}], verdict)
+    assert found["samples"] == {"few": [1.0, 2.0], "many": {"count": 1001, "percentiles": list(range(0, 1001, 10))}}
+    assert (found["options"], found["changed options"]) == ({"rounds": 3, "only": "a b"}, {"only": "a b"})
+    assert found["machine"]["cores"] and found["other programs, cores"] >= 0.0
+    with pytest.raises(NotMeasured, match="too busy"):
+        summarize("bad", "", rows, marks, invalid="too busy")
+    assert json.loads((tmp_path / "bad-only-a-b.json").read_text())["marks"][0]["verdict"] == "invalid"
 
 
 def test_every_figure_is_measured() -> None:
@@ -167,3 +158,11 @@ def test_the_exit_code_says_whether_marks_were_reached_missed_or_not_measured(mo
         with pytest.raises(SystemExit) as ended:
             run(judge)
         assert ended.value.code == code
+
+
+def test_every_bench_goes_through_the_one_function() -> None:
+    for name in (f"{subject}.{command.split()[0]}" for subject, commands in BENCHES.items() for command in commands):
+        path = ROOT / "bench" / name.replace(".", "/")
+        file = path / "__main__.py" if path.is_dir() else path.with_suffix(".py")
+        assert re.search(r'^if __name__ == "__main__":\n    run\(', file.read_text(), re.MULTILINE), name
+    assert not [file for file in (ROOT / "bench").rglob("*.py") if "RESULTS" in file.read_text()]  # summarize writes

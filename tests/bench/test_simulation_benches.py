@@ -1,11 +1,15 @@
-"""The benches of the simulation: their building, what they compute, and small runs of them."""
+"""The benches of the simulation and of robots: their building, what they compute, and small runs of them."""
 
 from __future__ import annotations
+
+import random
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from bench.common.harness import system
+from bench.robots.protection import FAR_M, MARGIN_M, stage
 from bench.simulation import headless as bench_headless
 from bench.simulation import robots as bench_robots
 from bench.simulation.headless import MOST
@@ -61,3 +65,12 @@ def test_a_small_run_of_robots(monkeypatch: pytest.MonkeyPatch) -> None:
         row = bench_robots.row_of("1", Load(2, 2), found)
         assert row["pace"] > 0 and row["server cores"] > 0 < row["client cores"]
         assert place.resolve("SimulationServer")._get_state().robots == 0
+
+
+@pytest.mark.system
+@pytest.mark.slow(50)
+def test_an_actual_robot_stands_before_a_chair_that_no_map_has(tmp_path: Path) -> None:
+    with stage(tmp_path, 0.8) as place:
+        stands_at_m, report = place.approach(0.8, random.Random(2))
+        assert "laser sees something" in report.reason and MARGIN_M <= stands_at_m < FAR_M
+        assert place.contacts() == 0.0

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 import psutil
-from matplotlib.axes import Axes
 
 from bench.common.harness import folder_of_bench
 from bench.events.channel.simulated import Simulation, renewals_per_s
@@ -163,6 +162,7 @@ def growth(quick: bool) -> bool:
         simulated = {
             **latencies(simulated_ms),
             "messages": simulation.messages,
+            "renewals/s": renewals_per_s(degrees.values()),
             "CPU of an event, ms": local["CPU of an event, ms"] + hop_cpu_ms * simulation.messages / EVENTS,
             "idle, % of a core": own_percent * count + renewal_percent * renewals_per_s(degrees.values()),
             "idle, busiest": own_percent + renewal_percent * renewals_per_s([max(degrees.values())]),
@@ -183,15 +183,5 @@ def growth(quick: bool) -> bool:
     ]
     marks += [at_most("sums of messages that differ from the simulation", wrong, 0)]
     marks += [at_most(f"{what}: simulated to measured, off by", max(shares), TOLERANCE) for what, shares in off.items()]
-
-    def draw(axes: Axes) -> None:
-        for shape, how in itertools.product(SHAPES, ("measured", "simulated")):
-            some = [row for row in rows if (row["shape"], row["how"]) == (shape, how)]
-            style = {"marker": "o", "linestyle": ""} if how == "measured" else {"label": shape}
-            colour = f"C{SHAPES.index(shape)}"
-            axes.plot([r["channels"] for r in some], [r["median, ms"] for r in some], color=colour, **style)
-        axes.set(xlabel="channels (dots: measured)", ylabel="median latency, ms", xscale="log", yscale="log")
-        axes.legend()
-
     title = "Federations of several shapes; each event goes from one channel to another"
-    return summarize("event_channel_growth", title, rows, marks, draw)
+    return summarize("event_channel_growth", title, rows, marks)

@@ -16,7 +16,7 @@ from testkit.json_process import Cpu
 from testkit.peers import installed
 from testkit.peers.brokers import MQTT, REDIS
 from testkit.peers.corba import CLIENT, HEADER, OMNIEVENTS, ON_ONE_CORE, PLAIN, PLAIN_TO_BATCHES
-from testkit.report import at_least, at_most, bars, curves, distribution, quantile, summarize
+from testkit.report import at_least, at_most, quantile, summarize
 
 ERRORS = ("lost", "repeated", "misordered")
 #: Time limit of a turn or flood [s].
@@ -73,8 +73,9 @@ def latency(quick: bool) -> bool:
         marks.append(at_most(f"p50 of ours, plain / {peer}", ratio(peer, 0.5), MAX_OF[peer]))
         marks.append(at_most(f"p99 of ours, plain / {peer}", ratio(peer, 0.99), 1.0))
     samples = {name: list(itertools.chain(*some)) for name, some in found.items()}
-    draw = distribution(samples, "us", "share of events that took less")
-    return summarize("event_channel_latency", f"Latency at {RATE:g} events a second, microseconds", rows, marks, draw)
+    return summarize(
+        "event_channel_latency", f"Latency at {RATE:g} events a second, microseconds", rows, marks, samples, "us"
+    )
 
 
 # ---- throughput ----
@@ -131,6 +132,7 @@ def throughput(quick: bool) -> bool:
         }
         for way, results in found.items()
     ]
+    samples = {way.label: [one["rate"] for one in results] for way, results in found.items()}
     rate = {row["peer"]: row["events/s"] for row in rows}
     lossless = [row for row in rows if row["peer"].startswith("ours") and row["peer"] != PLAIN.name]
     one_by_one = max(rate[way.label] for way in WAYS if way.peer.startswith("ours") and way.size == 1)
@@ -140,8 +142,9 @@ def throughput(quick: bool) -> bool:
         at_most("events of ours lost", sum(row["lost"] for row in lossless), 0),
         at_most("events of ours out of order or twice", sum(r["misordered"] + r["repeated"] for r in lossless), 0),
     ]
-    draw = bars(rate, "events a second that arrive", "log")
-    return summarize("event_channel_throughput", "Flood: events that arrive each second", rows, marks, draw)
+    return summarize(
+        "event_channel_throughput", "Flood: events that arrive each second", rows, marks, samples, "events/s"
+    )
 
 
 # ---- fan-out ----
@@ -173,18 +176,17 @@ def fanout(quick: bool) -> bool:
         }
         for (peer, count), results in found.items()
     ]
-    marks, shown = [at_most("events lost", sum(row["lost"] for row in rows), 0)], {}
+    marks = [at_most("events lost", sum(row["lost"] for row in rows), 0)]
     for peer in FANOUT_WAYS:
         some = [row for row in rows if row["consumers are"] == peer]
         rate = {row["consumers"]: row["deliveries/s"] for row in some}
-        shown |= {f"{peer}, {what}": [row[what] for row in some] for what in ("deliveries/s", "to subscribe, s")}
         kept = min(rate[count] for count in CONSUMERS if count > MANY) / rate[MANY]
         marks.append(at_least(f"{peer}: deliveries/s, worst of more than {MANY} / {MANY}", kept, MIN_RATE_KEPT))
         growth = max(row["CPU, us"] for row in some) / some[0]["CPU, us"]
         marks.append(at_most(f"{peer}: CPU of a delivery, worst / one consumer", growth, MAX_COST_GROWTH))
-    draw = curves(CONSUMERS, shown, "consumers", xscale="log", yscale="log", ylabel="deliveries/s; s to subscribe all")
     title = "Deliveries of one channel, and CPU time of its process"
-    return summarize("event_channel_fanout", title, rows, marks, draw)
+    samples = {f"{peer}, {count}": [one["deliveries/s"] for one in some] for (peer, count), some in found.items()}
+    return summarize("event_channel_fanout", title, rows, marks, samples, "deliveries/s")
 
 
 def _fanout_round(peer: str, count: int) -> dict[str, float]:

@@ -8,10 +8,10 @@ from typing import Any
 
 from bench.common.harness import NotMeasured, folder_of_bench, progress, run
 from bench.events.network.experiment import conduct, plan_of, split_cores
-from bench.events.network.load import others_cpu_s
 from bench.events.network.networks import Network
 from bench.events.network.report import write_report
 from bench.events.network.robot import LEADERS, PUSHED
+from testkit.report import others_cpu_s
 
 
 def main(network: str = "delays", leader: str = PUSHED, quick: bool = False) -> bool:
@@ -37,8 +37,7 @@ def main(network: str = "delays", leader: str = PUSHED, quick: bool = False) -> 
             outcomes = list(progress(conduct(hosts, leaders_core, plan), "runs", plan.total))
     took_s = time.monotonic() - began
     about |= {"took, s": round(took_s, 1), "s a run": round(took_s / plan.total, 2)}
-    name = f"event_network_{network}" + ("_curve" if leader != PUSHED else "")
-    return write_report(name, outcomes, (others_cpu_s() - others_s) / took_s, about)
+    return write_report(outcomes, (others_cpu_s() - others_s) / took_s, about)
 
 
 if __name__ == "__main__":

@@ -47,14 +47,6 @@ class Core:
         return times.idle + getattr(times, "iowait", 0.0), time.monotonic()
 
 
-def others_cpu_s() -> float:
-    """CPU time of all processes but this one and its ended children, with an unknown offset [s]: of other programs once
-    all children have ended. Idle time and the times of processes are exact."""
-    every_core, own = psutil.cpu_times(percpu=True), psutil.Process().cpu_times()
-    idle_s = sum(core.idle + getattr(core, "iowait", 0.0) for core in every_core)
-    return len(every_core) * time.monotonic() - idle_s - sum(own[:4])
-
-
 class Governor:
     """Controls the share of work so that the core has the wanted load."""
 

@@ -1,4 +1,4 @@
-"""Analysis and report of the runs: a row for each case and place of the central channel, the marks, and Figure 13."""
+"""Analysis and report of the runs: a row for each case and place of the central channel, and the marks."""
 
 from __future__ import annotations
 
@@ -6,16 +6,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from bench.common.harness import NotMeasured
 from bench.events.network.experiment import FEDERATED, PAPER, PAPER_LOAD, Case, Outcome
 from bench.events.network.robot import PUSHED
 from testkit.report import Mark, at_most, summarize
 
-#: The paper's text about Figure 13: mean latencies [ms] at PAPER_LOAD, and their ratio at all loads.
-PAPER_STANDARD_MS, PAPER_FEDERATED_MS, PAPER_RATIO = 18.5, 16.9, 0.91
+#: The paper's text about Figure 13: the ratio at all loads.
+PAPER_RATIO = 0.91
 #: Marks of the ratio of the means over all loads, by link. Elsewhere no gain is possible, and the mark bounds the cost:
 #: without a delay, with the central channel beside the leader in I, and in II of the paper's network, where half of the
 #: events take fewer segments with the federation, and the others more.
@@ -114,7 +111,7 @@ def row(cell: Cell) -> dict[str, Any]:
         found[f"{short} p99"] = float(p99) / 1e3
         found[f"{short} KB"] = float(np.mean([run.bytes for run in runs])) / 1e3
         found[f"{short} dropped"] = sum(run.dropped for run in runs)
-    found["fed/std (95 %)"] = str(compare(cell))
+    found |= {"fed/std (95 %)": str(compare(cell)), **dict(zip(("ratio", "low", "high"), compare(cell), strict=True))}
     found |= {which: round(compare(cell, which).value, 2) for which in ("local", "remote")}
     return {**found, "runs": len(cell.standard)}
 
@@ -146,29 +143,6 @@ def marks(found: Sequence[Cell]) -> list[Mark]:
     return result
 
 
-def sentences(found: Sequence[Cell]) -> list[str]:
-    """The paper's sentence about the load of 60 %, and how each curve changes from its lowest to its highest load."""
-    result = []
-    for cell in found:
-        if cell.case.link == PAPER and cell.case.load == PAPER_LOAD:
-            federated, standard = (mean(means_ms(some, cell.which)) for some in (cell.federated, cell.standard))
-            where = f"{cell.case.leader}, {cell.case.link.name}, central in {cell.place}, scans of {cell.case.scans}"
-            result.append(
-                f"at 60 % ({where}): federated {federated} ms, standard {standard} ms; paper "
-                f"{PAPER_FEDERATED_MS} and {PAPER_STANDARD_MS} ms"
-            )
-    for curve in curves(found):
-        if len(curve) > 1:
-            low, high = curve[0], curve[-1]
-            federated = ratio(means_ms(high.federated, high.which), means_ms(low.federated, low.which))
-            standard = ratio(means_ms(high.standard, high.which), means_ms(low.standard, low.which))
-            result.append(
-                f"{low.case.leader}, {low.case.link.name}, central in {low.place}: from {100 * low.load:.0f} to "
-                f"{100 * high.load:.0f} % the latency changes by the factor {standard}, federated {federated}"
-            )
-    return result
-
-
 def curves(found: Sequence[Cell]) -> list[list[Cell]]:
     """The cells of each leader, link, scans and place, by load."""
     result: dict[tuple[Any, ...], list[Cell]] = {}
@@ -193,7 +167,7 @@ def _resampled(values: np.ndarray, chance: np.random.Generator) -> np.ndarray:
     return values[chance.integers(0, len(values), (RESAMPLES, len(values)))].mean(axis=1)
 
 
-# ---- tables and pictures ----
+# ---- tables ----
 
 
 TITLE = "Figure 13: latency of a central and of federated event channels, ms"
@@ -203,60 +177,21 @@ SHOWN = (
     *(f"{short} {what}" for short in ("std", "fed") for what in ("ms", "p99", "KB")),
     *("fed/std (95 %)", "local", "remote"),
 )
-COLOURS = {FEDERATED: "tab:blue", "I": "tab:orange", "II": "tab:red", "servers": "tab:brown"}
 
 
-def write_report(name: str, outcomes: Sequence[Outcome], others_cores: float, about: Mapping[str, Any]) -> bool:
+def write_report(outcomes: Sequence[Outcome], others_cores: float, about: Mapping[str, Any]) -> bool:
     """Print and write all results; whether every mark was reached. Raises NotMeasured if the measurement is invalid.
 
     others_cores: CPU time that other programs took. about: description of the measurement."""
     found = cells(outcomes)
     reason = invalid(found, others_cores)
     about = {**about, "load of other programs, cores": round(others_cores, 2)}
-    print("", *(f"{key}: {value}" for key, value in about.items()), *sentences(found), sep="\n")
-    rows = [row(cell) for cell in found]
-    reached = summarize(name, TITLE, rows, marks(found), draw(found), SHOWN, reason, **about)
-    if reason:
-        raise NotMeasured(f"invalid: {reason}")
-    return reached
-
-
-def draw(found: Sequence[Cell]) -> Figure:
-    """Plots of latency (top) and ratio (bottom) over the load of the leader's core; a column for each leader and
-    link."""
-    shown = [curve for curve in curves(found) if len(curve) > 1] or curves(found)
-    columns = list(dict.fromkeys(curve[0].case[:2] for curve in shown))
-    figure = Figure(figsize=(max(7.0, 3.4 * len(columns) + 1.5), 6.4), layout="constrained")
-    panels = figure.subplots(2, len(columns), sharex=True, sharey="row", squeeze=False)
-    for upper, lower, (leader, link) in zip(*panels, columns, strict=True):
-        here = [curve for curve in shown if curve[0].case[:2] == (leader, link)]
-        federated = [mean(means_ms(cell.federated, cell.which)) for cell in here[0]]
-        _curve(upper, here[0], federated, FEDERATED, FEDERATED)
-        for curve in here:
-            place = curve[0].place
-            standard = [mean(means_ms(cell.standard, cell.which)) for cell in curve]
-            _curve(upper, curve, standard, place, f"central in {place}")
-            _curve(lower, curve, [compare(cell) for cell in curve], place, f"to central in {place}")
-        for value, colour, label in (
-            (PAPER_STANDARD_MS, "tab:red", "standard"),
-            (PAPER_FEDERATED_MS, "tab:blue", "fed."),
-        ):
-            upper.plot([100 * PAPER_LOAD], [value], "*", color=colour, markersize=11, label=f"paper, {label}")
-        lower.axhline(PAPER_RATIO, linestyle="--", color="tab:green", label=f"paper, {PAPER_RATIO}")
-        upper.set(title=f"{leader}, {link.name}", yscale="log")
-        lower.set(xlabel="load of the leader's core, %", xlim=(-2, 102))
-        for axes in (upper, lower):
-            axes.grid(alpha=0.3, which="both")
-    for axes, label in ((panels[0][0], "mean latency, ms"), (panels[1][0], "federated / standard")):
-        axes.set(ylabel=label)
-        axes.legend(fontsize="x-small")
-    panels[1][0].set_ylim(0.0, None)
-    figure.suptitle(TITLE)
-    return figure
-
-
-def _curve(axes: Axes, cells: Sequence[Cell], values: Sequence[Interval], set_up: str, label: str) -> None:
-    """Values with their intervals over the load."""
-    errors = [[one.value - one.low for one in values], [one.high - one.value for one in values]]
-    x, y = [100 * cell.load for cell in cells], [one.value for one in values]
-    axes.errorbar(x, y, errors, marker="o", markersize=4, color=COLOURS[set_up], label=label)
+    print("", *(f"{key}: {value}" for key, value in about.items()), sep="\n")
+    samples = {
+        ", ".join((*map(str, cell.case._replace(link=cell.case.link.name)), place)): means_ms(runs, cell.which).tolist()
+        for cell in found
+        for place, runs in ((cell.place, cell.standard), (FEDERATED, cell.federated))
+    }
+    return summarize(
+        "event_network", TITLE, [row(cell) for cell in found], marks(found), samples, "ms", SHOWN, reason, **about
+    )
