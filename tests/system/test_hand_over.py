@@ -30,7 +30,7 @@ from robocorba.simulation.recording import Recording
 from robocorba.system.supervision.launch import LoggedProcess, module_command
 from testkit.processes import running_system
 
-pytestmark = [pytest.mark.slow(150), pytest.mark.full]
+pytestmark = [pytest.mark.slow(70), pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = Path(str(files("robocorba") / "samples"))
@@ -115,43 +115,32 @@ def test_a_hand_over_as_it_should_not_be(steps: Sequence[Step], off: dict[str, f
     assert found == [fault] if (BOTH in steps and TAKES in steps) or off else fault in found
 
 
-# ---- the two runs ----
-
-
-def run(folder: Path, kind: str, *options: str) -> None:
-    """A hand-over in a folder, and what it prints and writes."""
-    command = (*module_command("robocorba.clients.hand_over"), str(folder), *options)
-    printed: list[str] = []
-    with LoggedProcess(folder / "errors", *command, cwd=folder, env={**os.environ, "PYTHONPATH": str(ROOT)}) as process:
-        while line := process.read_line(LIMIT_S):
-            printed.append(line.rstrip("\n"))
-        assert (process.wait(LIMIT_S), process.log_tail()) == (0, ""), "\n".join(printed)
-    logged = [line.split(ICON, 1)[1] for line in printed if ICON in line]
-    order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
-    assert [line for line in logged if line in order] == order
-    check_joints(folder / f"hand-over-{kind}.csv")
-    recording = Recording(folder / f"hand-over-{kind}.mcap")
-    assert recording.is_complete and recording.floors == [FLOOR]
-    bodies = {body.name for _, views in recording.sampled(1.0) for body in views[FLOOR].bodies.values()}
-    assert {GIVER, TAKER} <= bodies
+# ---- a run ----
 
 
 @pytest.mark.system
 @pytest.mark.timeout(3 * LIMIT_S)
 def test_actual_robots_in_servers_that_run(tmp_path: Path) -> None:
-    """On the paper's scene."""
+    """On the paper's scene: what it prints and writes."""
     (tmp_path / "system").mkdir()
     options = ("--building", str(sample_path(BUILDING)), "--subnets", CHANNEL)
+    name, printed, environment = tmp_path / "hand-over-actual", list[str](), {**os.environ, "PYTHONPATH": str(ROOT)}
     with running_system(tmp_path / "system", *options) as (system, _):
-        run(tmp_path, "actual", "--actual", "--naming", str(system.naming))
-    check_film(tmp_path / "hand-over-actual.mp4")
-
-
-@pytest.mark.system
-@pytest.mark.timeout(3 * LIMIT_S)
-def test_virtual_robots_in_servers_of_their_own(tmp_path: Path) -> None:
-    run(tmp_path, "virtual", "--no-film")
-    assert not list(tmp_path.glob("*.mp4"))
+        arguments = (str(tmp_path), "--actual", "--naming", str(system.naming))
+        command = module_command("robocorba.clients.hand_over", *arguments)
+        with LoggedProcess(tmp_path / "errors", *command, cwd=tmp_path, env=environment) as process:
+            while line := process.read_line(LIMIT_S):
+                printed.append(line.rstrip("\n"))
+            assert (process.wait(LIMIT_S), process.log_tail()) == (0, ""), "\n".join(printed)
+    logged = [line.split(ICON, 1)[1] for line in printed if ICON in line]
+    order = ["A  say hand_over.ready", "B  gripper left close", "B  say hand_over.gripped", "A  gripper right open"]
+    assert [line for line in logged if line in order] == order
+    check_joints(name.with_suffix(".csv"))
+    recording = Recording(name.with_suffix(".mcap"))
+    assert recording.is_complete and recording.floors == [FLOOR]
+    bodies = {body.name for _, views in recording.sampled(1.0) for body in views[FLOOR].bodies.values()}
+    assert {GIVER, TAKER} <= bodies
+    check_film(name.with_suffix(".mp4"))
 
 
 def check_joints(file: Path) -> None:
