@@ -1,10 +1,9 @@
-"""A robot that speaks ROS 2 and knows nothing of RoboCorba: a disc with a laser 0.1 m ahead, before a wall or a pillar.
+"""A robot that speaks ROS 2 and knows nothing of RoboCorba: a disc with a laser 0.1 m ahead, before a wall.
 
-    python -m testkit.ros2_robot X [RADIUS]
+    python -m testkit.ros2_robot X
 
-Its odometry begins at the origin, ahead along x; at X [m] a wall stands across x, or a pillar with a radius [m]. The
-robot stops 0.5 s after its last velocity, and prints where it is twenty times a second. It runs in a Python with ROS 2,
-see ros2_environment."""
+Its odometry begins at the origin, ahead along x; at X [m] a wall stands across x. The robot stops 0.5 s after its last
+velocity, and prints where it is ten times a second. It runs in a Python with ROS 2, see ros2_environment."""
 
 from __future__ import annotations
 
@@ -22,7 +21,7 @@ from sensor_msgs.msg import LaserScan
 PERIOD_S, VALID_S, RAYS, LASER_AHEAD_M = 0.02, 0.5, 181, 0.1
 
 
-def main(obstacle_x: float, radius: float = math.inf) -> None:
+def main(obstacle_x: float) -> None:
     rclpy.init()
     node = rclpy.create_node("disc")
     x = y = heading = 0.0
@@ -35,13 +34,8 @@ def main(obstacle_x: float, radius: float = math.inf) -> None:
         velocity, arrived_at = (wanted.linear.x, wanted.linear.y, wanted.angular.z), time.monotonic()
 
     def distance(angle: float) -> float:
-        c, s = math.cos(heading + angle), math.sin(heading + angle)
-        dx = obstacle_x - x - LASER_AHEAD_M * math.cos(heading)
-        if radius == math.inf:
-            return dx / c if c > 1e-6 else math.inf
-        dy = -y - LASER_AHEAD_M * math.sin(heading)
-        along, aside = c * dx + s * dy, c * dy - s * dx
-        return along - math.sqrt(radius**2 - aside**2) if along > 0.0 and abs(aside) < radius else math.inf
+        c = math.cos(heading + angle)
+        return (obstacle_x - x - LASER_AHEAD_M * math.cos(heading)) / c if c > 1e-6 else math.inf
 
     def tick() -> None:
         nonlocal x, y, heading, ticks
@@ -69,4 +63,4 @@ def main(obstacle_x: float, radius: float = math.inf) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(float, sys.argv[1:]))
+    main(float(sys.argv[1]))
