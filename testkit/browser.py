@@ -12,11 +12,6 @@ if TYPE_CHECKING:
 
 #: Software drawing, also of WebGL; Chromium does not run its sandbox as root.
 FLAGS = ("--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
-#: Script for pages of tests: five frames a second. 3D that is drawn in software takes a whole core otherwise.
-FEW_FRAMES = """
-requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 200);
-cancelAnimationFrame = clearTimeout;
-"""
 #: Chromium's names in the distributions.
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 

@@ -24,7 +24,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 52_587, "testkit": 7_043, "bench": 7_967, "robocorba/console/static": 11_863}
+LINES_AT_MOST = {"tests": 52_590, "testkit": 7_038, "bench": 7_967, "robocorba/console/static": 11_863}
 WORDS_AT_MOST = {"docs": 31_919, "README.md": 857, "CHANGELOG.md": 1_769}
 
 

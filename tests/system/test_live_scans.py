@@ -20,14 +20,14 @@ from robocorba.orb.orb import Orb
 from robocorba.stubs import RoboCorba
 from robocorba.system.claimed_ports import claimed_ports
 from testkit.actual_robot import running_stand_in
-from testkit.browser import FEW_FRAMES, chromium, headless
+from testkit.browser import chromium, headless
 from testkit.buildings import two_floors, with_all
 from testkit.processes import eventually, read_json, running_system
 from testkit.virtual_and_actual import RobotProcess, robot_process
 
 pytest.importorskip("nicegui", reason="the console's packages are not installed")
 client = pytest.importorskip("websockets.sync.client", reason="websockets is not installed")
-pytestmark = [pytest.mark.system, pytest.mark.slow(140), pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(100), pytest.mark.full]
 
 PATIENCE_S = 120.0
 #: Where the actual robot begins, and its radius; the front of the chair before it [m].
@@ -119,7 +119,6 @@ def test_pages_tell_actual_sensors_from_virtual_ones_and_mark_what_no_map_has(pl
     sync.expect.set_options(timeout=PATIENCE_S * 1000.0)
     with headless(chromium() or "") as browser:
         page, troubles = browser.new_page(), list[str]()
-        page.add_init_script(FEW_FRAMES)
         page.set_default_timeout(PATIENCE_S * 1000.0)
         page.on("pageerror", lambda error: troubles.append(str(error)))
         for robot, fact in (("A", r"actual: nearest .* in no map"), ("V", r"virtual: nearest 1\.\d\d m")):
@@ -149,7 +148,6 @@ def test_a_program_goes_to_the_computer_of_a_robot(place: Place, tmp_path: Path)
         alone = ("--agent-only", "--endpoint", f"127.0.0.1:{port}", "--adaptor", "smartpal")
         where = ("--floor", "L1", "--at", "4.9,8.0,0", *alone, "--", "--naming", str(robot.naming))
         with robot_process(tmp_path, place.orb, "U", *where):
-            user.page.add_init_script(FEW_FRAMES)
             user.open("Program")
             page, host = user.page, "Host of the robot's computer"
             page.get_by_label("Robot", exact=True).select_option("V")

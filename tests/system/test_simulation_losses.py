@@ -23,7 +23,7 @@ from testkit.simulation import (
     simulation,
 )
 
-pytestmark = [pytest.mark.system, pytest.mark.slow(100), pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(30), pytest.mark.full]
 
 ROUNDS = 2
 #: Ten times what the bench allows [s]: a machine that is busy with other tests writes later.
