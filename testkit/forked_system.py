@@ -24,6 +24,12 @@ def preload() -> None:
 
 def main(arguments: Sequence[str]) -> None:
     """Run `robocorba up`. Never returns."""
+    fork_warm_parent()
+    commands.main(("up", *arguments))
+
+
+def fork_warm_parent() -> None:
+    """Have a warm parent with all that this process has loaded."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     pid = os.fork()
     if not pid:
@@ -36,4 +42,3 @@ def main(arguments: Sequence[str]) -> None:
         os._exit(0)
     theirs.close()
     Starter.warm = pid, ours
-    commands.main(("up", *arguments))

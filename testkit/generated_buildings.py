@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 
 import numpy as np
 
-from robocorba.map_editor import native
 from robocorba.map_editor.geometry import bounds
 from robocorba.map_editor.model import (
     BoxShape,
@@ -170,12 +168,6 @@ def office(seed: int = 1, levels: int = FLOORS) -> Building:
     }
     lift = Elevator("E1", (side / 2, side / 2), (2.0, 2.0), tuple(ElevatorDoor(name) for name in names))
     return Building("office", floors, {lift.name: lift})
-
-
-def saved_office(folder: Path) -> Path:
-    """The file of an office in a folder."""
-    native.save(office(), folder / "office.yaml")
-    return folder / "office.yaml"
 
 
 def _walls(chance: np.random.Generator) -> dict[str, Wall]:

@@ -24,7 +24,9 @@ from testkit.json_process import ROOT
 #: Timeout for loading a module, whose kernels may have to be compiled, and for a fork [s].
 LIMIT_S = 300.0
 #: What may differ between the environment of the nursery and that of a fork: modules do not read it when loaded.
-FREE_VARIABLES = ("ROBOCORBA_NAMING", "ROBOCORBA_STATE", "XDG_STATE_HOME", "PYTEST_CURRENT_TEST")
+FREE_VARIABLES = ("ROBOCORBA_NAMING", "ROBOCORBA_STATE", "XDG_STATE_HOME", "PYTEST_CURRENT_TEST", "ECHO_MODE")
+#: Modules that have a main(arguments) for forks, or the beginning of their names.
+FORKED_MODULES = ("robocorba.servers.", "tests.system.echo_up")
 
 
 class Nursery:
@@ -111,7 +113,7 @@ def _modules(command: Sequence[str]) -> tuple[Any, ...]:
     *start, _ = module_command("")
     if list(command[: len(start)]) == start:
         name, *arguments = command[len(start) :]
-        return (ModuleRun(name, tuple(arguments)),) if name.startswith("robocorba.servers.") else ()
+        return (ModuleRun(name, tuple(arguments)),) if name.startswith(FORKED_MODULES) else ()
     if Path(command[0]).name != "robocorba" or len(command) < 2 or command[1] not in SUBCOMMANDS:
         return ()
     _, name, *arguments = command

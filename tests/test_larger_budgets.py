@@ -11,21 +11,21 @@ from hypothesis.stateful import run_state_machine_as_test
 
 pytestmark = [pytest.mark.full, pytest.mark.slow(40)]
 
-#: Examples of each, 5 to 12 s of a processor.
+#: Examples of each, 4 to 10 s of a processor.
 EXAMPLES = {
-    "events.test_federation_machine:FederationMachine": 150,
-    "map_editor.test_proposals:ProposalMachine": 150,
-    "missions.test_carry_agreement:Carry": 200,
-    "missions.test_missions_under_faults:Missions": 25,
-    "missions.test_succession_of_leaders:Succession": 400,
-    "orb.test_pool_follower:Following": 40,
-    "robot.test_alone:SharedStops": 500,
-    "robot.test_emergency_stop:Stops": 150,
-    "robot.test_program_runs:Runs": 40,
-    "robot.test_uploads:Life": 40,
-    "simulation.test_log_on:LogOn": 100,
-    "simulation.test_map_edits:MapEdits": 75,
-    "simulation.test_traffic:Traffic": 75,
+    "events.test_federation_machine:FederationMachine": 75,
+    "map_editor.test_proposals:ProposalMachine": 75,
+    "missions.test_carry_agreement:Carry": 100,
+    "missions.test_missions_under_faults:Missions": 15,
+    "missions.test_succession_of_leaders:Succession": 200,
+    "orb.test_pool_follower:Following": 20,
+    "robot.test_alone:SharedStops": 200,
+    "robot.test_emergency_stop:Stops": 75,
+    "robot.test_program_runs:Runs": 20,
+    "robot.test_uploads:Life": 20,
+    "simulation.test_log_on:LogOn": 50,
+    "simulation.test_map_edits:MapEdits": 40,
+    "simulation.test_traffic:Traffic": 40,
 }
 
 

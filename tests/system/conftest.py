@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import Popen
@@ -14,19 +13,20 @@ from robocorba.map_editor import native
 from robocorba.orb.orb import Orb
 from robocorba.system.claimed_ports import claimed_ports
 from robocorba.system.settings import Address
+from robocorba.system.supervision.launch import module_command
 from testkit.buildings import two_floors
 from testkit.processes import ROBOCORBA, Launcher, Running, forked_processes, real_system
 from testkit.ros2_environment import claimed_domain
 
 HERE = Path(__file__).resolve().parent
-ECHO_UP = (sys.executable, str(HERE / "echo_up.py"))
+ECHO_UP = module_command("tests.system.echo_up")
 
 
 @pytest.fixture(scope="session", autouse=True)
 def servers_of_tests() -> Iterator[None]:
-    """Servers that only tests have are modules of this folder."""
+    """Servers that only tests have are modules of this folder, and of the checkout."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PYTHONPATH", str(HERE), prepend=os.pathsep)
+        patch.setenv("PYTHONPATH", f"{HERE}{os.pathsep}{HERE.parents[1]}", prepend=os.pathsep)
         yield
 
 
@@ -37,9 +37,9 @@ def nursery(servers_of_tests: None) -> Iterator[None]:
         yield
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture
 def alone() -> Iterator[None]:
-    """All processes of a module start as those of users do."""
+    """All processes of a test start as those of users do."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Launcher, "nursery", None)
         yield

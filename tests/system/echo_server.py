@@ -2,8 +2,7 @@
 and which knows no floor, so that its getPath sends the start's floor back.
 
 ECHO_MODE makes it misbehave: broken (fails at start), mute (starts, but never serves), slow (half a second
-from listening to serving), stubborn (does not end on SIGTERM), parent (has a child, which ignores SIGTERM), guest
-(leaves its name to another that takes it).
+from listening to serving), stubborn (does not end on SIGTERM), parent (has a child, which ignores SIGTERM).
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         if mode == "slow":
             time.sleep(0.5)
         if mode != "mute":
-            orb.serve({"PathPlanner": EchoPlanner()}, owns_names=lambda: mode != "guest")
+            orb.serve({"PathPlanner": EchoPlanner()})
         orb.run()
         if mode == "stubborn":
             signal.signal(signal.SIGTERM, signal.SIG_IGN)

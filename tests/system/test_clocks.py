@@ -31,12 +31,12 @@ from testkit.missions import FLOOR, MissionSystem, RobotStart, save_three_rooms
 from testkit.processes import ROBOCORBA, Launcher, Running, eventually, forked_processes, running_system
 from testkit.simulation import GONE
 
-pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow(120)]
+pytestmark = [pytest.mark.system, pytest.mark.full, pytest.mark.slow(80)]
 
 SOURCE = Path(__file__).with_name("wrong_clock.c")
 HOUR_S, YEAR_S = 3600.0, 365 * 86400.0
 #: How far a clock is set, or is ahead [s].
-JUMPS_S = (1.0, -1.0, HOUR_S, -HOUR_S, YEAR_S, -YEAR_S)
+JUMPS_S = (HOUR_S, -YEAR_S)
 #: Timeout of what takes a second or two [s].
 LIMIT_S = 120.0
 SERVERS = ("omniNames", "map_editor", "simulation", "sensor_s1", "events_lab", "events_hall", "console")

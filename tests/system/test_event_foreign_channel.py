@@ -1,4 +1,4 @@
-"""omniEvents' channel and two of ours in one federation, and its own commands at a channel of ours."""
+"""omniEvents' channel and two of ours in one federation."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from testkit.processes import eventually
 from tests.system.event_place import Place, PushConsumer, open_place, text
 from tests.waits import stays
 
-COMMANDS = {name: shutil.which(name) for name in ("eventc", "events", "rmeventc")}
+EVENTC = shutil.which("eventc")
 OMNIEVENTS = shutil.which("omniEvents", path="/usr/sbin:/usr/local/sbin:/usr/bin")
 pytestmark = [
     pytest.mark.full,
     pytest.mark.system,
-    pytest.mark.skipif(not (OMNIEVENTS and all(COMMANDS.values())), reason="omniEvents is not installed"),
+    pytest.mark.skipif(not (OMNIEVENTS and EVENTC), reason="omniEvents is not installed"),
 ]
 
 
@@ -37,7 +37,8 @@ class OmniEvents:
         self.uri = f"corbaloc::127.0.0.1:{self._port}/foreign"
         self.start()
         make = ("-n", "foreign", "-i", "foreign", "-c", "1000", f"corbaloc::127.0.0.1:{self._port}/omniEvents")
-        eventually(lambda: self.run("eventc", *make).returncode == 0, what="eventc")
+        command = [str(EVENTC), *self.naming(), *make]
+        eventually(lambda: subprocess.run(command, capture_output=True, timeout=60).returncode == 0, what="eventc")
 
     def start(self) -> None:
         where = ("-p", str(self._port), "-l", str(self._folder), "-t", str(self._folder / "trace"))
@@ -45,12 +46,6 @@ class OmniEvents:
 
     def naming(self) -> tuple[str, str]:
         return "-ORBInitRef", f"NameService=corbaloc::127.0.0.1:{self.place.port}/NameService"
-
-    def command(self, name: str, *arguments: str) -> list[str]:
-        return [str(COMMANDS[name]), *self.naming(), *arguments]
-
-    def run(self, name: str, *arguments: str) -> subprocess.CompletedProcess[bytes]:
-        return subprocess.run(self.command(name, *arguments), capture_output=True, timeout=60)
 
     def channel(self) -> Any:
         """Connections of before a kill fail once."""
@@ -98,12 +93,11 @@ class Client:
 
 @pytest.fixture(scope="module")
 def foreign(tmp_path_factory: pytest.TempPathFactory) -> Iterator[OmniEvents]:
-    """Beside it, lab and hall are linked, and desk is alone."""
+    """Beside it, lab and hall are linked."""
     with open_place(tmp_path_factory.mktemp("foreign")) as place:
         foreign = OmniEvents(place)
         place.begin("lab", "--foreign", f"foreign={foreign.uri}")
         place.begin("hall", "--peer", "lab")
-        place.begin("desk")
         yield foreign
 
 
@@ -198,54 +192,3 @@ def test_an_event_that_is_refused_does_not_end_the_link(linked: OmniEvents) -> N
     lab.say("back")
     for client in (lab, there):
         eventually(lambda client=client: {"after", "back"} <= set(client.got()), what="both events")
-
-
-# ---- commands of omniEvents ----
-
-
-def test_events_records_and_plays_back(foreign: OmniEvents) -> None:
-    place, tape = foreign.place, foreign.place.folder / "tape"
-    desk = place.channel("desk")
-
-    def is_connected() -> bool:
-        """`events` obtains a proxy first, which is WAITING and gets nothing until it connects."""
-        kinds = [(state.kind, state.condition) for state in place.balanced_states("desk")]
-        return (RoboCorba.PUSH_SUPPLIER, RoboCorba.CONNECTED) in kinds
-
-    record = foreign.command("events", place.uri("desk"))
-    with tape.open("wb") as file, subprocess.Popen(record, stdout=file) as recorder:
-        try:
-            eventually(is_connected, what="the consumer")
-            supplier = place.supplier(desk)
-            for number in range(5):
-                supplier.push(text(f"said {number}"))
-            eventually(lambda: tape.read_bytes().count(b"said ") == 5, what="five events on the tape")
-            eventually(lambda: all(state.events.queued == 0 for state in place.balanced_states("desk")))
-        finally:
-            recorder.send_signal(signal.SIGINT)
-            recorder.wait(60.0)
-    consumer = PushConsumer()
-    proxy = place.push_to(consumer, desk)
-    play = foreign.command("events", "-s", "-n", "RoboCorba/EventChannels/desk")
-    with tape.open("rb") as file, subprocess.Popen(play, stdin=file, stdout=subprocess.DEVNULL) as player:
-        try:
-            # More than the first one it does not play back within seconds, to a channel of omniEvents neither.
-            eventually(lambda: consumer.got[:1] == ["said 0"])
-        finally:
-            player.kill()
-    proxy.disconnect_push_supplier()
-
-
-def bound(place: Place, name: str) -> Any:
-    """Another channel, which the naming service knows."""
-    place.begin(name)
-    return place.orb.resolve(f"EventChannels/{name}", RoboCorba.EventChannel)
-
-
-def test_rmeventc_destroys_the_channel(foreign: OmniEvents) -> None:
-    consumer, place = PushConsumer(), foreign.place
-    place.push_to(consumer, bound(place, "gone"))
-    removed = foreign.run("rmeventc", "-n", "RoboCorba/EventChannels/gone")
-    assert removed.returncode == 0, removed.stderr
-    eventually(lambda: consumer.disconnections == 1)
-    eventually(place.channel("gone")._non_existent)  # its object stays active until `destroy` has returned

@@ -1,15 +1,13 @@
-"""Missions of robot processes over sub-networks: the paper's table, and what becomes of it where somebody dies.
+"""Missions of robot processes over sub-networks, and what becomes of them where somebody dies.
 
-Robots are slow, and most of the time nobody computes: two crews do their missions at the same time, in rooms of their
-own. What happens to a crew is one story, of which each step is asserted."""
+Robots are slow: what happens to a crew is one story, of which each step is asserted. That three robots carry the
+paper's table is the demo's test."""
 
 from __future__ import annotations
 
 import json
 import math
 import subprocess
-from concurrent.futures import ThreadPoolExecutor
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -20,64 +18,51 @@ from robocorba.robot.corba.remote_data_pool import RemotePool
 from robocorba.robot.programs.graphic_programming import ProgramBuilder
 from robocorba.robot.programs.program import dumps
 from robocorba.simulation.mission_record import MissionResult
-from testkit.missions import FLOOR, MISSION_LIMIT_S, MissionSystem, RobotStart, Watch, missions, save_three_rooms
+from testkit.missions import MISSION_LIMIT_S, MissionSystem, RobotStart, missions, save_three_rooms
 from testkit.processes import eventually
 
-pytestmark = [pytest.mark.system, pytest.mark.slow(300), pytest.mark.full]
+pytestmark = [pytest.mark.system, pytest.mark.slow(200), pytest.mark.full]
 
 #: The phases of a mission from when hands grip.
 TAKEN_HOLD = ("gripping", "carrying", "putting down", "backing off")
 #: Largest distance of what was carried from its goal [m].
 NEAR_M = 0.05
-#: A table for three and a desk for two, and where either may stand.
-GOALS = {"table": ((3.8, 2.6), (2.2, 2.6)), "desk": ((3.8, 7.6), (2.2, 7.6))}
-TABLE_CREW = {
-    "A": RobotStart(0.7, 1.0, 0.0, "lab"),
-    "B": RobotStart(4.6, 3.6, math.pi, "lab"),
-    "C": RobotStart(5.2, 1.0, math.pi, "hall"),
-    "D": RobotStart(7.0, 2.6, math.pi, "hall"),
-}
-DESK_CREW = {
+#: Where the desk may stand; it is too heavy for one robot.
+GOALS = ((3.8, 7.6), (2.2, 7.6))
+CREW = {
     "E": RobotStart(0.7, 6.2, 0.0, "yard"),
     "F": RobotStart(4.6, 8.6, math.pi, "hall"),
     "G": RobotStart(5.2, 6.0, math.pi, "yard"),
+    "H": RobotStart(0.7, 9.2, 0.0, "hall"),
 }
 
 
 class Crew:
-    """Robots that carry something: one mission after the other."""
+    """Robots that carry the desk: one mission after the other, led by E."""
 
-    def __init__(self, place: MissionSystem, crew: dict[str, RobotStart], thing: str) -> None:
-        self.place, self.crew, self.thing = place, set(crew), thing
+    def __init__(self, place: MissionSystem) -> None:
+        self.place, self.robots = place, set(CREW)
 
-    def carry(self, leader: str) -> tuple[tuple[float, float], subprocess.Popen[str]]:
-        """Begin to carry the thing to the goal that is farther; the goal, and the user's command."""
-        at = self.place.body(self.thing)
-        x, y = goal = max(GOALS[self.thing], key=lambda goal: math.dist(goal, at[:2]))
-        return goal, self.place.mission(leader, self.thing, f"L1:{x},{y}")
+    def carry(self) -> tuple[tuple[float, float], subprocess.Popen[str]]:
+        """Begin to carry the desk to the goal that is farther, until it moves; the goal, and the user's command."""
+        at = self.place.body("desk")
+        x, y = goal = max(GOALS, key=lambda goal: math.dist(goal, at[:2]))
+        user = self.place.mission("E", "desk", f"L1:{x},{y}")
+        self.place.carrying("E", "desk", user)
+        return goal, user
 
     def end(self, user: subprocess.Popen[str]) -> tuple[int, str]:
         """Its exit code and last line; then nobody holds anything, nobody moves, and all who live are free."""
         code, out, err = self.place.outcome(user)
         assert "Traceback" not in err, err
-        eventually(lambda: all(map(self.place.is_free, self.crew)), what=f"{self.crew} are free")
-        held = self.place.holding()
-        assert self.crew.isdisjoint(held), held
-        assert self.place.is_stationary((*self.crew, self.thing))
-        assert 0.4 < self.place.body(self.thing).x < 5.6
+        eventually(lambda: all(map(self.place.is_free, self.robots)), what=f"{self.robots} are free")
+        assert self.place.holding() == {}
+        assert self.place.is_stationary((*self.robots, "desk"))
+        assert 0.4 < self.place.body("desk").x < 5.6
         return code, (err or out).strip().splitlines()[-1]
 
-    def arrive(self, user: subprocess.Popen[str], leader: str, goal: tuple[float, float]) -> Any:
-        """The end of a mission that gets the thing to its goal; the leader's report."""
-        code, last_line = self.end(user)
-        assert (code, last_line.split("\t")[0]) == (0, "done"), last_line
-        report = self.place.report(leader)
-        assert (report["result"], report["reason"]) == ("done", "")
-        assert math.dist(self.place.body(self.thing)[:2], goal) < NEAR_M
-        return report
-
     def kill(self, name: str) -> None:
-        self.crew.remove(name)
+        self.robots.remove(name)
         self.place.kill(name)
 
     def holding_without(self, leader: str, killed: str) -> frozenset[str]:
@@ -90,65 +75,14 @@ class Crew:
 
         return eventually(holding, MISSION_LIMIT_S, "they take hold again")
 
-    # ---- the stories of both crews ----
+    # ---- the story ----
 
-    def carry_table(self) -> None:
-        self.replace_a_killed_helper()
-        self.carry_well()
-
-    def carry_desk(self) -> None:
-        self.outlive_the_leaders_channel()
-        self.abort()
-        self.lead_on_without_the_leader()
-
-    def replace_a_killed_helper(self) -> None:
-        """D carries from where the table was put down."""
-        goal, user = self.carry("A")
-        self.place.carrying("A", "table", user)
-        self.kill("C")
-        assert self.holding_without("A", "C") == {"A", "B", "D"}
-        report = self.arrive(user, "A", goal)
-        assert report["faults"] == ["carrying: C is silent"]
-        assert set(report["robots"]) == {"A", "B", "D"}
-
-    def carry_well(self) -> None:
-        """Three robots of two sub-networks."""
-        place = self.place
-        collisions = place.collisions
-        with Watch(place, "table") as watch:
-            goal, user = self.carry("A")
-            report = self.arrive(user, "A", goal)
-        assert abs(math.degrees(math.remainder(place.body("table").heading, math.tau))) < 3.0
-        assert place.collisions == collisions
-        assert watch.farthest_m(("A", "B", "D")) < 0.02
-        assert report["robots"] == {"A": "leader", "B": "helper", "D": "helper"}
-        assert {"lab", "hall"} <= set(report["latency_ms"])
-        # Those who would be in each other's way gather one after the other.
-        names = [phase["name"] for phase in report["phases"] if not phase["name"].startswith("waiting: ")]
-        assert [name for name, _ in groupby(names)] == [
-            *("reserving", "gathering", "approaching", "gripping", "carrying", "putting down", "backing off")
-        ]
-        pool = RemotePool(place.orb, "A")
-        plan = pool.plans()[-1]
-        assert pool.plan(plan.name) == plan
-
-        assert "wrote" in place.command("A", "report", report["mission"])
-        (page,) = (place.folder / "A").rglob("report.html")
-        assert page.parent.name == report["mission"]
-        assert "gripping" in page.read_text()
-        assert (page.parent / "timeline.png").stat().st_size > 1000
-
-    def outlive_the_leaders_channel(self) -> None:
-        """The carry waits for it, or begins again."""
-        place, (goal, user) = self.place, self.carry("E")
-        place.carrying("E", "desk", user)
+    def outlive_the_leaders_channel_and_abort(self) -> None:
+        """The carry waits for the channel, or begins again; then its user aborts it."""
+        place, (_, user) = self.place, self.carry()
         before = place.kill_server("events_yard")
         eventually(lambda: place.is_back("events_yard", before), what="the channel is back")
-        self.arrive(user, "E", goal)
-
-    def abort(self) -> None:
-        place, (_, user) = self.place, self.carry("E")
-        place.at_phase("E", "approaching", user)
+        place.carrying("E", "desk", user)
         name = place.led_by("E")
         assert f"{name}: move table desk, running" in " ".join(place.command("anybody", "status", name).split())
         place.command("anybody", "abort", name)
@@ -162,12 +96,15 @@ class Crew:
         assert all(phase.begun <= phase.ended for phase in content.phases)
         assert "has ended already, aborted" in place.refusal("anybody", "abort", name)
 
-    def lead_on_without_the_leader(self) -> None:
-        """It is killed while it carries; its helper takes over, with another helper."""
-        place, (goal, user) = self.place, self.carry("E")
+    def lead_on_without_a_helper_and_the_leader(self) -> None:
+        """Both are killed while they carry; first another helper replaces the one, then that one leads."""
+        place, (goal, user) = self.place, self.carry()
+        collisions, name = place.collisions, place.led_by("E")
+        killed = self.helper(name)
+        self.kill(killed)
+        assert len(self.holding_without("E", killed)) == 2
         place.carrying("E", "desk", user)
-        name = place.led_by("E")
-        (helper,) = (member.robot for member in place.control.mission(name).content.members if member.robot != "E")
+        helper = self.helper(name)
         self.kill("E")
 
         def successor() -> str:
@@ -175,46 +112,55 @@ class Crew:
             return content.leader if content.term > 1 else ""
 
         assert eventually(successor, MISSION_LIMIT_S, "another one leads") == helper
-        assert self.holding_without(helper, "E") == {"F", "G"}
-        report = self.arrive(user, helper, goal)
-        status, content = place.command("anybody", "status", name), place.ended(name)
-        assert (content.result, content.reason) == (MissionResult.DONE, "")
+        assert self.holding_without(helper, "E") == self.robots
+        code, last_line = self.end(user)
+        assert (code, last_line.split("\t")[0]) == (0, "done"), last_line
+        assert math.dist(place.body("desk")[:2], goal) < NEAR_M
+        assert abs(math.degrees(math.remainder(place.body("desk").heading, math.tau))) < 3.0
+        assert place.collisions == collisions
+        self.check_report(name, place.report(helper), helper)
+
+    def helper(self, mission: str) -> str:
+        (found,) = (each.robot for each in self.place.control.mission(mission).content.members if each.robot != "E")
+        return found
+
+    def check_report(self, name: str, report: Any, helper: str) -> None:
+        place, content = self.place, self.place.ended(name)
+        status = place.command("anybody", "status", name)
+        assert (content.result, content.reason, report["result"]) == (MissionResult.DONE, "", "done")
         assert (content.leader, content.term) == (helper, 2)
         assert report["faults"] == [f"E is silent, and {helper} can't carry on"]  # too heavy for one
         assert f"{helper} took over in term 2 after " in status and "E was silent" in status
-        assert {member.robot for member in content.members} == {"F", "G"}
+        assert {member.robot for member in content.members} == self.robots
+        assert {"yard", "hall"} <= set(report["latency_ms"])
+        pool = RemotePool(place.orb, helper)
+        plan = pool.plans()[-1]
+        assert pool.plan(plan.name) == plan
+        assert "wrote" in place.command(helper, "report", report["mission"])
+        (page,) = (place.folder / helper).rglob("report.html")
+        assert page.parent.name == report["mission"]
+        assert "gripping" in page.read_text()
+        assert (page.parent / "timeline.png").stat().st_size > 1000
 
 
 @pytest.mark.timeout(8 * MISSION_LIMIT_S)
-def test_two_crews_whose_robots_and_servers_are_killed(tmp_path: Path) -> None:
-    with missions(tmp_path, save_three_rooms(tmp_path), "lab,hall,yard") as place:
-        place.start(TABLE_CREW, "--protect", "on")
-        place.start(DESK_CREW)
-        with ThreadPoolExecutor(2) as pool:
-            table = pool.submit(Crew(place, TABLE_CREW, "table").carry_table)
-            desk = pool.submit(Crew(place, DESK_CREW, "desk").carry_desk)
-        table.result()
-        desk.result()
-        check_protective_field(place)
+def test_a_crew_whose_robots_and_servers_are_killed(tmp_path: Path) -> None:
+    """Its robots have the protective field."""
+    with missions(tmp_path, save_three_rooms(tmp_path), "hall,yard") as place:
+        place.start(CREW, "--protect", "on")
+        crew = Crew(place)
+        crew.outlive_the_leaders_channel_and_abort()
+        crew.lead_on_without_a_helper_and_the_leader()
+        stand_before_a_wall(place, min(crew.robots))
         keep_missions_over_a_kill(place)
 
 
-def check_protective_field(place: MissionSystem) -> None:
-    """The crew of the table has it: A and B swap places, and B does not drive into a wall."""
-    collisions, b = place.collisions, place.agent("B")
-    starts = {name: place.body(name)[:2] for name in "AB"}
-    for name, other in ("AB", "BA"):
-        place.agent(name).load(dumps(ProgramBuilder("swap").mbase_path(FLOOR, *starts[other]).program()))
-    for name in "AB":
-        place.agent(name).run()
-    for name in "AB":
-        agent = place.agent(name)
-        eventually(lambda agent=agent: agent.state().program.result is not ProgramResult.NO_RESULT, 240.0, name)
-        assert agent.state().program.result is ProgramResult.DONE, agent.state().program
-    b.load(dumps(ProgramBuilder("into the wall").mbase_velocity(0.0, 0.38, 0.0, 60.0).program()))
-    b.run()
-    eventually(lambda: b.state().program.result is ProgramResult.FAILED, 120.0, "it stands before the wall")
-    assert "sees something 0.0" in b.state().program.reason
+def stand_before_a_wall(place: MissionSystem, name: str) -> None:
+    collisions, robot = place.collisions, place.agent(name)
+    robot.load(dumps(ProgramBuilder("into the wall").mbase_velocity(0.0, 0.38, 0.0, 60.0).program()))
+    robot.run()
+    eventually(lambda: robot.state().program.result is ProgramResult.FAILED, 120.0, "it stands before the wall")
+    assert "sees something 0.0" in robot.state().program.reason
     assert place.collisions == collisions
 
 

@@ -185,6 +185,21 @@ def test_a_foreign_component_sees_and_drives_a_robot(door: Door, a: RemoteAgent,
     assert door.state("A") == "Inactive"
     assert a.state().condition is AgentCondition.IDLE
 
+    # The door may be killed, and ends without a trace: a robot that was driven stands.
+    door.run("rtact", "/A.rtc")
+    eventually(lambda: ask(peer, "send", velocity=AHEAD) and x_of(a) > before + 0.1, PATIENCE_S, "driving")
+    door.process.kill()
+    door.process.wait(PATIENCE_S)
+    eventually(lambda: a.state().condition is AgentCondition.IDLE, PATIENCE_S, "A stands")
+    door.start()
+    eventually(lambda: door.state("A") == "Inactive", PATIENCE_S, "A by the new process")
+    door.process.send_signal(signal.SIGTERM)
+    assert door.process.wait(PATIENCE_S) == 0
+    assert sorted(door.run("rtls", "/").split()) == ["Peer.rtc", "RoboCorba/"]
+    door.start()
+    eventually(lambda: door.state("A") and door.state("B_2"), PATIENCE_S, "a door for other tests")
+
+    connect(door)
     ports = door.component("A").get_ports()
     assert all(port.get_connector_profiles() for port in ports)
     peer.kill()
@@ -204,24 +219,3 @@ def check_data(peer: Process, before: float) -> None:
     assert config["angularRes"] == pytest.approx(math.pi / 180)
     assert scan["ranges"][0] == pytest.approx(4.0, abs=0.05)  # to the right is the outline
     assert ask(peer, "send_octets", count=7) == ["PORT_ERROR"]
-
-
-def test_the_door_may_be_killed_and_ends_without_a_trace(door: Door, a: RemoteAgent, peer: Process) -> None:
-    """A robot that was driven stands; the names are those of the new process."""
-    before = x_of(a)
-    door.run("rtact", "/A.rtc")
-    eventually(
-        lambda: ask(peer, "send", velocity=AHEAD) and ask(peer, "poses") and x_of(a) > before + 0.1,
-        PATIENCE_S,
-        "driving",
-    )
-    door.process.kill()
-    door.process.wait(PATIENCE_S)
-    eventually(lambda: a.state().condition is AgentCondition.IDLE, PATIENCE_S, "A stands")
-    door.start()
-    eventually(lambda: door.state("A") == "Inactive", PATIENCE_S, "A by the new process")
-    door.process.send_signal(signal.SIGTERM)
-    assert door.process.wait(PATIENCE_S) == 0
-    assert sorted(door.run("rtls", "/").split()) == ["Peer.rtc", "RoboCorba/"]
-    door.start()
-    eventually(lambda: door.state("A") and door.state("B_2"), PATIENCE_S, "a door for other tests")

@@ -106,6 +106,113 @@ def system(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
         yield running
 
 
+# ---- as a virtual one ----
+
+NAME, START = "V", (16.0, 5.0, 0.0)
+WHERE = ("--at", ",".join(map(str, START)), "--channel", "main", "--record", "ticks.csv")
+#: How much farther one of them may drive before the sensor stops it: at 0.1 m/s, an answer of the sensor may be late by
+#: half a second on a busy machine. bench/robots/virtual_and_actual.py measures it without this allowance.
+SENSED_LATE_M = 0.05
+KINDS = ["mhand_posture", "mbase_path", "stop_if_closer", "mbase_by", "gripper", "mhand_pose", "gripper", "mbase_by"]
+
+
+def program() -> str:
+    """Where the base ends depends on where the sensor stops it."""
+    both = ProgramBuilder("both floors").mhand_posture("both", "tuck").mbase_path("L2", 16.0, 5.0, heading=math.pi)
+    with both.stop_if_closer("front", 0.8):
+        both.mbase_by(ahead=0.6, speed=0.1)
+    both.gripper("both", "open").mhand_pose("both", 0.45, 0.2, 0.95).gripper("both", "close", force=10.0)
+    return dumps(both.mbase_by(ahead=-0.1, turn=0.2).program())
+
+
+class Run(NamedTuple):
+    """state: at the end. printed: by `robocorba program run`. ticks: rows of the file of ticks."""
+
+    state: AgentState
+    printed: list[str]
+    ticks: list[dict[str, str]]
+
+
+def run(robot: RobotProcess) -> Run:
+    """The program, to its end; the robot is where it began."""
+    floor, *at = robot.agent.state().at
+    assert (floor, at) == ("L1", pytest.approx(START, abs=0.002))
+    (robot.folder / "program.json").write_text(program())
+    printed = robot.robocorba("program", "run", "program.json", "--robot", NAME).splitlines()
+    state = robot.agent.state()
+    with (robot.folder / "ticks.csv").open(newline="") as file:
+        return Run(state, printed, list(csv.DictReader(file)))
+
+
+def body_at(orb: Orb) -> Any:
+    """Where the simulation server has the robot."""
+    server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
+    (client,) = [client for client in server.clients() if client.name == NAME]
+    return client.at
+
+
+@pytest.mark.timeout(1200)
+def test_the_same_program_ends_at_the_same_place(system_orb: Orb, tmp_path: Path) -> None:
+    orb = system_orb
+    for name in ("robot", "virtual", "actual"):
+        (tmp_path / name).mkdir()
+    native.save(building(), tmp_path / "world.yaml")
+    # The odometry of the actual robot says that it is far away. It senses the upper floor, where it is stopped.
+    world = ("--world", str(tmp_path / "world.yaml"), "--world-floor", "L2", "--world-at", *map(str, START))
+    with robot_process(tmp_path / "virtual", orb, NAME, "--floor", "L1", *WHERE) as virtual_robot:
+        virtual = run(virtual_robot)
+    with (
+        running_stand_in(tmp_path / "robot", "--seed", "3", "--x", "40", *world, orb=orb) as actual,
+        robot_process(tmp_path / "actual", orb, NAME, "--floor", "L1", *WHERE) as robot,
+    ):
+        switch = ("switch", NAME, "smartpal", "--", "--naming", str(actual.naming))
+        assert robot.robocorba(*switch) == f"{NAME}\tsmartpal\n"
+        ran = run(robot)
+        check_end(virtual, ran)
+        pool = RemotePool(orb, NAME)
+        assert pool.floor == "L2"
+        assert [body.name for body in pool.content().came if body.name == NAME] == [NAME]
+        # Its body in the building has gone with it.
+        eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, what="the body")
+        left_at = robot.agent.state().at  # it may have rolled out since its program ended
+        robot.robocorba("switch", NAME, "simulated")
+        assert robot.agent.state().at[1:] == pytest.approx(left_at[1:], abs=0.005)
+    check_ticks(virtual, "simulated")
+    check_ticks(ran, "smartpal")
+
+
+def check_end(virtual: Run, actual: Run) -> None:
+    for each in (virtual, actual):
+        assert [line.split("\t")[1] for line in each.printed[:-1]] == KINDS
+        assert each.printed[-1].startswith(f"done\t{len(KINDS) - 1} icons\t")  # one was stopped
+        assert each.state.program.result is ProgramResult.DONE
+        assert each.state.at.floor == "L2"
+    assert (virtual.state.adaptor, actual.state.adaptor) == ("simulated", "smartpal")
+    found = difference(virtual.state, actual.state, SmartPalBody())
+    assert found.base_m <= BASE_M + SENSED_LATE_M
+    assert found.turned_rad <= TURNED_RAD
+    assert max(found.hands_m.values()) <= HAND_M
+    assert 15.5 < actual.state.at.x < 15.9  # the sensor stopped both before the wall, not the end of their way
+
+
+def check_ticks(ran: Run, adaptor: str) -> None:
+    """Every tick of the program is there, with what the robot was told, and nothing else."""
+    assert {tick["adaptor"] for tick in ran.ticks} == {adaptor}
+    icons = list(dict.fromkeys(tick["icon"] for tick in ran.ticks if tick["icon"] != "icons[2]"))  # it may pass quickly
+    assert icons == [f"icons[{n}]" for n in range(2)] + ["icons[2].icons[0]"] + [f"icons[{n}]" for n in range(3, 7)]
+    times = [float(tick["time"]) for tick in ran.ticks]
+    assert times == sorted(times)
+    assert len(times) > 100
+    assert {tick["floor"] for tick in ran.ticks} == {"L1", "L2"}
+    last = ran.ticks[-1]
+    assert float(last["x"]) == pytest.approx(ran.state.at.x, abs=0.005)
+    assert float(last["left_4"]) == pytest.approx(float(last["told_left_4"]), abs=0.006)
+    assert max(float(tick["told_ahead"]) for tick in ran.ticks) >= 0.1  # towards the wall, at least
+
+
+# ---- what it loses ----
+
+
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory, system_orb: Orb) -> Iterator[StandIn]:
     with running_stand_in(tmp_path_factory.mktemp("robot"), orb=system_orb) as found:
@@ -193,105 +300,3 @@ def test_a_robot_process_that_hung_goes_on_only_after_a_short_pause(robot: Robot
     assert "paused for" in state.program.reason or "logged the robot off" in state.program.reason
     eventually(robot.stands)
     assert robot.works()
-
-
-# ---- as a virtual one ----
-
-NAME, START = "V", (16.0, 5.0, 0.0)
-WHERE = ("--at", ",".join(map(str, START)), "--channel", "main", "--record", "ticks.csv")
-#: How much farther one of them may drive before the sensor stops it: at 0.1 m/s, an answer of the sensor may be late by
-#: half a second on a busy machine. bench/robots/virtual_and_actual.py measures it without this allowance.
-SENSED_LATE_M = 0.05
-KINDS = ["mhand_posture", "mbase_path", "stop_if_closer", "mbase_by", "gripper", "mhand_pose", "gripper", "mbase_by"]
-
-
-def program() -> str:
-    """Where the base ends depends on where the sensor stops it."""
-    both = ProgramBuilder("both floors").mhand_posture("both", "tuck").mbase_path("L2", 16.0, 5.0, heading=math.pi)
-    with both.stop_if_closer("front", 0.8):
-        both.mbase_by(ahead=0.6, speed=0.1)
-    both.gripper("both", "open").mhand_pose("both", 0.45, 0.2, 0.95).gripper("both", "close", force=10.0)
-    return dumps(both.mbase_by(ahead=-0.1, turn=0.2).program())
-
-
-class Run(NamedTuple):
-    """state: at the end. printed: by `robocorba program run`. ticks: rows of the file of ticks."""
-
-    state: AgentState
-    printed: list[str]
-    ticks: list[dict[str, str]]
-
-
-def run(robot: RobotProcess) -> Run:
-    """The program, to its end; the robot is where it began."""
-    floor, *at = robot.agent.state().at
-    assert (floor, at) == ("L1", pytest.approx(START, abs=0.002))
-    (robot.folder / "program.json").write_text(program())
-    printed = robot.robocorba("program", "run", "program.json", "--robot", NAME).splitlines()
-    state = robot.agent.state()
-    with (robot.folder / "ticks.csv").open(newline="") as file:
-        return Run(state, printed, list(csv.DictReader(file)))
-
-
-def body_at(orb: Orb) -> Any:
-    """Where the simulation server has the robot."""
-    server = orb.resolve("SimulationServer", RoboCorba.SimulationServer)
-    (client,) = [client for client in server.clients() if client.name == NAME]
-    return client.at
-
-
-@pytest.mark.timeout(1200)
-def test_the_same_program_ends_at_the_same_place(system_orb: Orb, tmp_path: Path) -> None:
-    orb = system_orb
-    for name in ("robot", "virtual", "actual"):
-        (tmp_path / name).mkdir()
-    native.save(building(), tmp_path / "world.yaml")
-    # The odometry of the actual robot says that it is far away. It senses the upper floor, where it is stopped.
-    world = ("--world", str(tmp_path / "world.yaml"), "--world-floor", "L2", "--world-at", *map(str, START))
-    with running_stand_in(tmp_path / "robot", "--seed", "3", "--x", "40", *world, orb=orb) as actual:
-        with robot_process(tmp_path / "virtual", orb, NAME, "--floor", "L1", *WHERE) as virtual_robot:
-            virtual = run(virtual_robot)
-        with robot_process(tmp_path / "actual", orb, NAME, "--floor", "L1", *WHERE) as robot:
-            switch = ("switch", NAME, "smartpal", "--", "--naming", str(actual.naming))
-            assert robot.robocorba(*switch) == f"{NAME}\tsmartpal\n"
-            ran = run(robot)
-            check_end(virtual, ran)
-            pool = RemotePool(orb, NAME)
-            assert pool.floor == "L2"
-            assert [body.name for body in pool.content().came if body.name == NAME] == [NAME]
-            # Its body in the building has gone with it.
-            eventually(lambda: math.dist((body_at(orb).x, body_at(orb).y), ran.state.at[1:3]) < 0.005, what="the body")
-            left_at = robot.agent.state().at  # it may have rolled out since its program ended
-            robot.robocorba("switch", NAME, "simulated")
-            assert robot.agent.state().at[1:] == pytest.approx(left_at[1:], abs=0.005)
-    check_ticks(virtual, "simulated")
-    check_ticks(ran, "smartpal")
-
-
-def check_end(virtual: Run, actual: Run) -> None:
-    for each in (virtual, actual):
-        assert [line.split("\t")[1] for line in each.printed[:-1]] == KINDS
-        assert each.printed[-1].startswith(f"done\t{len(KINDS) - 1} icons\t")  # one was stopped
-        assert each.state.program.result is ProgramResult.DONE
-        assert each.state.at.floor == "L2"
-    assert (virtual.state.adaptor, actual.state.adaptor) == ("simulated", "smartpal")
-    found = difference(virtual.state, actual.state, SmartPalBody())
-    assert found.base_m <= BASE_M + SENSED_LATE_M
-    assert found.turned_rad <= TURNED_RAD
-    assert max(found.hands_m.values()) <= HAND_M
-    assert 15.5 < actual.state.at.x < 15.9  # the sensor stopped both before the wall, not the end of their way
-
-
-def check_ticks(ran: Run, adaptor: str) -> None:
-    """Every tick of the program is there, with what the robot was told, and nothing else."""
-    assert {tick["adaptor"] for tick in ran.ticks} == {adaptor}
-    icons = list(dict.fromkeys(tick["icon"] for tick in ran.ticks if tick["icon"] != "icons[2]"))  # it may pass quickly
-    assert icons == [f"icons[{n}]" for n in range(2)] + ["icons[2].icons[0]"] + [f"icons[{n}]" for n in range(3, 7)]
-    times = [float(tick["time"]) for tick in ran.ticks]
-    assert times == sorted(times)
-    assert len(times) > 100
-    assert {tick["floor"] for tick in ran.ticks} == {"L1", "L2"}
-    last = ran.ticks[-1]
-    assert float(last["x"]) == pytest.approx(ran.state.at.x, abs=0.005)
-    assert float(last["left_4"]) == pytest.approx(float(last["told_left_4"]), abs=0.006)
-    assert max(float(tick["told_ahead"]) for tick in ran.ticks) >= 0.1  # towards the wall, at least

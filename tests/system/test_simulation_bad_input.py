@@ -1,12 +1,10 @@
-"""Nonsense of every kind over the wire, and clients that stall or ask for much: a typed exception each time, and a
-simulation that goes on as it was."""
+"""Garbage on the wire, and clients that stall or ask for much, beside a robot and other clients: the simulation goes on
+as it was."""
 
 from __future__ import annotations
 
 import contextlib
-import math
 from collections.abc import Iterator
-from typing import Any
 
 import psutil
 import pytest
@@ -15,8 +13,7 @@ from robocorba.stubs import RoboCorba
 from robocorba.system.settings import Address
 from testkit.attacks import connections, greedy_clients, stalled_connections
 from testkit.processes import eventually
-from testkit.simulation import CROSS, NO_MOUNT, NO_NOISE, Place, error_lines, simulation
-from tests.system.refusals import refused
+from testkit.simulation import CROSS, NO_MOUNT, Place, error_lines, simulation
 
 pytestmark = [pytest.mark.system, pytest.mark.full]
 
@@ -54,27 +51,6 @@ def all_is_well(place: Place) -> Iterator[None]:
     eventually(lambda: 4.0 < sensor.scan(robot.state().at, NO_MOUNT, CROSS).distances[0] < 7.0, what="it sees a wall")
     place.let_go()
 
-
-@pytest.fixture(scope="module")
-def sensor(place: Place) -> Any:
-    return place.orb.resolve("VirtualSensors/s1", RoboCorba.VirtualSensor)
-
-
-def test_a_million_rays_are_the_most_at_once(sensor: Any) -> None:
-    turn = RoboCorba.ScanSpec(0.0, math.tau / 8001, 8000, 30.0, 0.0, NO_NOISE)
-    most = [RoboCorba.Pose("L1", 3.0, 12.0, 0.01 * step) for step in range(125)]
-    assert [len(one.distances) for one in sensor.scanMany(most, NO_MOUNT, turn)] == [8000] * 125
-    on_all = [RoboCorba.Pose(f"L{level}", 3.0, 12.0, 0.0) for level in range(1, 6) for _ in range(26)]
-    for batch in ([*most, most[0]], most * 100, on_all):
-        assert refused(RoboCorba.InvalidScan, sensor.scanMany, batch, NO_MOUNT, turn).field == "rays"
-    assert sensor.scanMany([], NO_MOUNT, turn) == []
-    unknown = [most[0], RoboCorba.Pose("L9", 0.0, 0.0, 0.0)]
-    refused(RoboCorba.UnknownFloor, sensor.scanMany, unknown, NO_MOUNT, CROSS)
-    lost = RoboCorba.ScanSpec(0.0, 0.1, 60, 30.0, 0.0, RoboCorba.ScanNoise(0.0, 0.0, 1.1, 0))
-    assert refused(RoboCorba.InvalidScan, sensor.scan, most[0], NO_MOUNT, lost).field == "lost"
-
-
-# ---- clients that stall or ask for much, beside a robot and other clients ----
 
 #: More than a server has threads in any pool.
 STALLED = 40

@@ -7,7 +7,6 @@ import re
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -38,13 +37,10 @@ def answers(planner: object) -> int:
 
 
 def status(launch: Launch, running: Running, *options: str) -> tuple[int, str]:
-    process = launch(sys.executable, "-c", STATUS, "--state", str(running.state), *options)
+    process = launch(ROBOCORBA, "status", "--state", str(running.state), *options)
     out, err = process.communicate(timeout=60)
     assert err == ""
     return process.returncode, out
-
-
-STATUS = "import typer; from robocorba.commands.status import status; typer.run(status)"
 
 
 def test_all_is_served_when_it_is_ready_and_nothing_is_left_after_ctrl_c(
@@ -120,7 +116,7 @@ def test_kill_9_of_the_supervisor_and_damaged_files(
 
 def test_ctrl_c_in_the_middle_of_the_start(echo_up: Start) -> None:
     running = echo_up(ECHO_MODE="mute")
-    eventually(lambda: len(psutil.Process(running.process.pid).children(recursive=True)) == 2, what="both started")
+    eventually(lambda: len(psutil.Process(running.process.pid).children(recursive=True)) >= 2, what="both started")
     running.note_descendants()
     assert running.stop(signal.SIGINT) == 0
     assert running.left_behind() == []
@@ -218,20 +214,6 @@ def test_hosts_and_sub_networks_that_cant_be_served_are_refused(launch: Launch, 
     assert said.startswith("robocorba up: ") and value in said
 
 
-@pytest.mark.usefixtures("alone")
-def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> None:
-    running = robocorba_up().wait_ready()
-    assert client.resolve("MapEditor", RoboCorba.MapEditor)._get_currentVersion() >= 0
-    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
-    assert client.names(CHANNELS) == ["main"]  # one channel, unless there are --subnets
-    assert client.resolve(f"{CHANNELS}/main", RoboCorba.EventChannel).state().links == []
-    assert launch(ROBOCORBA, "status", "--state", str(running.state)).wait(60.0) == 0
-    os.kill(running.pid("map_editor"), signal.SIGKILL)
-    eventually(lambda: answers(planner) > 0, what="answers again")
-    assert running.stop() == 0
-    assert running.left_behind() == []
-
-
 def test_two_instances_run_side_by_side(launch: Launch, tmp_path: Path) -> None:
     def started(*words: str) -> subprocess.Popen[str]:
         return launch(ROBOCORBA, *words, XDG_STATE_HOME=str(tmp_path))
@@ -254,3 +236,17 @@ def test_two_instances_run_side_by_side(launch: Launch, tmp_path: Path) -> None:
     assert printed("status", "--instance", "anna") == nothing
     assert "instance 'anna' does not run" in refusal(started("path", "L1:1,1", "L1:2,2", "--instance", "anna"))
     assert [*read_json(printed("status", "--json", "--instance", "bob"))["robots"]] == ["bob"]
+
+
+@pytest.mark.usefixtures("alone")
+def test_the_real_servers(robocorba_up: Start, launch: Launch, client: Orb) -> None:
+    running = robocorba_up().wait_ready()
+    assert client.resolve("MapEditor", RoboCorba.MapEditor)._get_currentVersion() >= 0
+    planner = client.resolve("PathPlanner", RoboCorba.PathPlanner)
+    assert client.names(CHANNELS) == ["main"]  # one channel, unless there are --subnets
+    assert client.resolve(f"{CHANNELS}/main", RoboCorba.EventChannel).state().links == []
+    assert launch(ROBOCORBA, "status", "--state", str(running.state)).wait(60.0) == 0
+    os.kill(running.pid("map_editor"), signal.SIGKILL)
+    eventually(lambda: answers(planner) > 0, what="answers again")
+    assert running.stop() == 0
+    assert running.left_behind() == []
