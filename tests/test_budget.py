@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_959,
+    "lines of code": 52_974,
     "classes": 977,
     "upper-case names of modules": 1_074,
     "kernels": 66,
@@ -24,8 +24,8 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_223, "testkit": 7_047, "bench": 7_967, "robocorba/console/static": 11_860}
-WORDS_AT_MOST = {"docs": 31_970, "README.md": 857, "CHANGELOG.md": 1_769}
+LINES_AT_MOST = {"tests": 53_026, "testkit": 7_076, "bench": 7_934, "robocorba/console/static": 11_860}
+WORDS_AT_MOST = {"docs": 31_970, "README.md": 854, "CHANGELOG.md": 1_768}
 
 
 @functools.cache
