@@ -54,9 +54,9 @@ class Launcher:
 
     def __call__(self, *command: str, **environment: str) -> Popen[str]:
         """A process with pipes for stdin, stdout and stderr; `environment` is added to ours. The user's robocorba.toml
-        has no effect."""
-        environment = {**os.environ, "XDG_CONFIG_HOME": str(self.folder), **environment}
-        options: dict[str, Any] = {"cwd": self.folder, "env": environment}
+        and instances are not seen."""
+        users = dict.fromkeys(("XDG_CONFIG_HOME", "XDG_STATE_HOME"), str(self.folder))
+        options: dict[str, Any] = {"cwd": self.folder, "env": {**os.environ, **users, **environment}}
         options.update(stdin=PIPE, stdout=PIPE, stderr=PIPE)
         process = self.nursery and self.nursery.start(command, **options)
         self._started.append(process or ChildProcess(*command, **options))
