@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robocorba.commands.forwarding import forwarding
-from robocorba.commands.options import Naming, RobotName, State, connected, only_for
+from robocorba.commands.options import Naming, RobotName, State, administrator, connected
+from robocorba.errors.base import RoboCorbaError
 from robocorba.system.printing import line
 from robocorba.system.settings import RobotSettings, Settings
 
@@ -21,7 +23,6 @@ def robot() -> None:
 
 
 def stop(
-    context: typer.Context,
     name: RobotName = "",
     all_robots: Annotated[bool, typer.Option("--all", help="Stop all robots.")] = False,
     reset: Annotated[bool, typer.Option("--reset", help="Release the robot after a stop.")] = False,
@@ -36,7 +37,6 @@ def stop(
     folder to stop robots even without the naming service."""
     if bool(name) == all_robots:
         raise typer.BadParameter("name a robot, or give --all")
-    only_for("a stop without --reset", not reset, context, "state")
     names = [] if all_robots else [name]
     with connected("stop", naming, state=state) as orb:
         settings = Settings.read(naming=naming, state=state)
@@ -63,9 +63,14 @@ def _stop(orb: Orb, names: list[str], settings: Settings) -> bool:
 
 def _reset(orb: Orb, names: list[str], settings: Settings) -> bool:
     from robocorba.robot.corba.emergency_stop import reset_robots
+    from robocorba.robot.corba.remote_agent import robots
     from robocorba.system.supervision.stop_addresses import stop_addresses
 
     problems = dict(reset_robots(orb, names, stop_addresses(settings.state, settings.naming)))
+    for name in {*names} - {*robots(orb)}:  # it has left, or has no agent
+        with contextlib.suppress(RoboCorbaError):
+            administrator(orb, settings.state).reset_stop(name)
+            problems[name] = ""
     for name, problem in problems.items():
         line(name, problem or "may move again", err=bool(problem))
     return not any(problems.values())

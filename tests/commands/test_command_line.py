@@ -49,7 +49,6 @@ WITHOUT_EFFECT = [
     ("up --hang-limit 0 --spare-stopped", "--spare-stopped", "a --hang-limit above 0"),
     ("robots fleet.yaml --prefix Q", "--prefix", "robots of --count, a file has its own"),
     ("robots fleet.yaml --floor L1", "--floor", "robots of --count, a file has its own"),
-    ("stop --all --reset --state here", "--state", "a stop without --reset"),
     ("foxglove --state here", "--state", "--steer"),
 ]
 

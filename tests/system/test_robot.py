@@ -133,6 +133,10 @@ def test_an_emergency_stop_by_the_command(
     )
     eventually(lambda: stands(system_orb, "E"))
     assert refusal(robocorba("stop", "nobody")).startswith("nobody\tRoboCorba/Robots/nobody is not reachable")
+    for name in ("nobody", "E"):  # a name may be held before its robot is there
+        out_of_one = robocorba("stop", name, "--reset", "--state", str(system.state)).communicate(timeout=PATIENCE_S)[0]
+        assert out_of_one == f"{name}\tmay move again\n"
+    assert "nobody" in refusal(robocorba("stop", "nobody", "--reset", "--state", str(system.state)))
     assert "*\tholds\trobots that log on are stopped, too" in out
     late = start("F", "--at", "6,5").state()
     assert late.condition is AgentCondition.STOPPED and "robocorba stop --all --reset" in late.reason

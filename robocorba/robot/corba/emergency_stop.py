@@ -16,11 +16,13 @@ from typing import Any, NamedTuple
 from omniORB import CORBA
 
 from robocorba.errors.base import RoboCorbaError
+from robocorba.errors.robots import IllegalOrder
 from robocorba.errors.services import NotReachable
 from robocorba.events.corba.event_client import EventClient
 from robocorba.orb.guard import Guard
 from robocorba.orb.orb import Orb
 from robocorba.orb.remote_object import translated
+from robocorba.robot.agent_state import AgentCondition
 from robocorba.robot.corba.remote_agent import CALM, RemoteAgent, order_all, robots
 from robocorba.robot.corba.stop_target import stop_at
 from robocorba.simulation.corba import sessions
@@ -96,7 +98,15 @@ def reset_robots(orb: Orb, names: Sequence[str], addresses: StopAddresses) -> It
         except NotReachable as error:
             problem = f"robots that log on stay stopped: {error}"
         yield OTHERS, problem
-    yield from order_all(orb, names or robots(orb), RemoteAgent.reset_stop, CALM)
+    yield from order_all(orb, names or robots(orb), RemoteAgent.reset_stop if names else _reset_if_stopped, CALM)
+
+
+def _reset_if_stopped(agent: RemoteAgent) -> None:
+    try:
+        agent.reset_stop()
+    except IllegalOrder:
+        if agent.state().condition is AgentCondition.STOPPED:
+            raise
 
 
 def _simulation_server(orb: Orb, addresses: StopAddresses) -> Any:

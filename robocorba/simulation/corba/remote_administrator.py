@@ -27,6 +27,10 @@ class RemoteAdministrator:
         """Raises UnknownRobot."""
         self._administrator.call(lambda administrator: administrator.evict(robot))
 
+    def reset_stop(self, robot: str) -> None:
+        """End the stop of a robot without an agent, or that has left. Raises UnknownRobot."""
+        self._administrator.call(lambda administrator: administrator.resetStop(robot))
+
     def keep_out(self, robot: str) -> bool:
         """Log a robot off and keep it out; whether it was logged on. Raises InvalidChoice."""
         return bool(self._administrator.call(lambda administrator: administrator.keepOut(robot)))
