@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 #: What the package may have at most; what was measured, rounded up.
 AT_MOST = {
-    "lines of code": 52_974,
+    "lines of code": 52_975,
     "classes": 977,
     "upper-case names of modules": 1_074,
     "kernels": 66,
@@ -24,7 +24,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_026, "testkit": 7_076, "bench": 7_934, "robocorba/console/static": 11_860}
+LINES_AT_MOST = {"tests": 53_028, "testkit": 7_076, "bench": 7_934, "robocorba/console/static": 11_860}
 WORDS_AT_MOST = {"docs": 31_970, "README.md": 854, "CHANGELOG.md": 1_768}
 
 

@@ -138,7 +138,9 @@ def _defaults_in(table: dict[str, Any], words: str, command: Any, names: set[str
         if not names:
             found[options[name]] = value
         elif part := command.commands.get(name):
-            found[name] = _defaults_in(value, f"{words} {name}", part, {*getattr(part, "commands", ())}, file)
+            parts = {*getattr(part, "commands", ())}
+            # Without either it is only there for the list of commands.
+            found[name] = _defaults_in(value, f"{words} {name}", part, parts, file) if parts or part.params else {}
     return found
 
 

@@ -36,8 +36,10 @@ def test_options_of_a_command_are_its_defaults(folder: Path) -> None:
     (folder.parent / "robocorba").mkdir()
     (folder.parent / "robocorba" / "robocorba.toml").write_text("[map.check]\njson = true\n")
     assert json.loads(run("map", "check", "two.yaml").output)
-    Path("robocorba.toml").write_text("[up]\nconsole-port = 0\n")  # is read instead
+    Path("robocorba.toml").write_text("[up]\nconsole-port = 0\n[events.tail]\njson = true\n")  # is read instead
     assert not run("map", "check", "two.yaml").output.startswith(("{", "["))
+    listed = CliRunner().invoke(command(only_for_help=True), ["--help"])
+    assert (listed.exit_code, "events" in listed.output) == (0, True)
 
 
 def test_it_chooses_a_system_where_neither_options_nor_variables_do(
