@@ -126,11 +126,11 @@ def test_the_core_runs_without_extras_and_an_extra_without_the_others(core: set[
     assert dict(zip(OF_EXTRA, of_extras, strict=True)) == {extra: {} for extra in OF_EXTRA}
 
 
-def test_all_and_the_tests_have_every_extra_but_that_of_the_benches() -> None:
+def test_all_and_the_tests_have_every_extra_but_those_of_benches_and_the_site() -> None:
     config = configparser.ConfigParser()
     config.read(Path(__file__).parents[1] / "setup.cfg")
     listed = config["options.extras_require"]
-    assert set(OF_EXTRA) == set(listed) - {"all", "bench", "dev"}
+    assert set(OF_EXTRA) == set(listed) - {"all", "bench", "dev", "docs"}
     every = {name for extra in OF_EXTRA for name in requirements(extra)}
     assert every == set(requirements("all"))
     assert every <= set(requirements("dev"))

@@ -1,5 +1,5 @@
-"""The actual robot A, a stand-in, on a computer of its own: prints `ready` and its naming service, and ends with its
-input: FOLDER."""
+"""The actual robots A and B, stand-ins, on a computer of their own: prints `ready` and the naming service of each, and
+ends with its input: FOLDER."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from robocorba.system.settings import Address
 
 
 def main(folder: Path) -> None:
-    with Orb(Address("127.0.0.1", 2809)) as orb, ActualRobot(folder / "A") as robot:
-        robot.wait_ready(orb)
-        print("ready", robot.naming, flush=True)
+    with Orb(Address("127.0.0.1", 2809)) as orb, ActualRobot(folder / "A") as one, ActualRobot(folder / "B") as other:
+        one.wait_ready(orb)
+        other.wait_ready(orb)
+        print("ready", one.naming, other.naming, flush=True)
         sys.stdin.read()
 
 
