@@ -24,7 +24,7 @@ AT_MOST = {
     "rooms": 12,
 }
 #: Lines in all of Python outside the package and of the console's JavaScript, and words of documentation.
-LINES_AT_MOST = {"tests": 53_071, "testkit": 7_076, "bench": 7_934, "robocorba/console/static": 11_860}
+LINES_AT_MOST = {"tests": 53_083, "testkit": 7_076, "bench": 7_934, "robocorba/console/static": 11_860}
 WORDS_AT_MOST = {"docs": 31_970, "README.md": 854, "CHANGELOG.md": 1_768}
 
 

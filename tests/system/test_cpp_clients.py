@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -13,7 +14,7 @@ from typing import Any
 import pytest
 
 from robocorba import __version__
-from robocorba.errors.robots import InvalidProgram
+from robocorba.errors.robots import InvalidProgram, RobotError
 from robocorba.orb.naming import corbaname
 from robocorba.orb.orb import Orb
 from robocorba.robot.agent_state import ProgramResult
@@ -29,6 +30,7 @@ pytestmark = [pytest.mark.system, pytest.mark.slow(160), pytest.mark.full]
 
 ROOT = Path(__file__).resolve().parents[2]
 RELEASED = ROOT / "idl" / "released"
+LIMIT_S = 180.0
 WEST, EAST = ("L1", "3", "3"), ("L1", "15", "3")
 #: A spot within the wall between them.
 WALLED = ("L1", "10", "2")
@@ -140,7 +142,7 @@ def test_an_adaptor_in_cpp(
             agent.load(json)
     agent.load(dumps(ProgramBuilder("drives").mbase_to(4.0, 3.0).program()))
     agent.run()
-    eventually(lambda: agent.state().program.result is ProgramResult.DONE, what="the disc has arrived")
+    eventually(lambda: is_done(agent), LIMIT_S, "the disc has arrived")
     assert agent.state().at[1:3] == pytest.approx((4.0, 3.0), abs=0.02)
     server = system_orb.resolve("SimulationServer", RoboCorba.SimulationServer)
     eventually(lambda: abs(next(c for c in server.clients() if c.name == "disc").at.x - 4.0) < 0.05)  # its body follows
@@ -153,13 +155,23 @@ def test_an_adaptor_in_cpp(
     agent.switch("corba", ["4", "3", "0", "6.5"])
     agent.load(dumps(watched.program()))
     agent.run()
-    eventually(lambda: agent.state().program.result is ProgramResult.DONE, what="its laser has stopped the disc")
+    eventually(lambda: is_done(agent), LIMIT_S, "its laser has stopped the disc")
     assert 5.4 < agent.state().at.x < 6.0  # before the wall, on a busy machine later
     with pytest.raises(RoboCorba.UnknownSensor) as unknown:
         system_orb.resolve("Robots/disc", RoboCorba.RobotAgent)._get_sensors().ranges("sonar")
     assert (unknown.value.name, unknown.value.known) == ("sonar", ["laser"])
     nobody = run_cpp(cpp("disc_adaptor"), "corbaloc::127.0.0.1:1/NameService", "disc")
     assert nobody == (1, "", "the call failed: TRANSIENT\n")
+
+
+def is_done(agent: RemoteAgent) -> bool:
+    """Whether the program is done. It is run again where a busy machine kept the adaptor from an answer in time."""
+    program = agent.state().program
+    if program.result is ProgramResult.FAILED:
+        assert "does not answer" in program.reason
+        with contextlib.suppress(RobotError):  # it may not have reconnected yet
+            agent.run()
+    return program.result is ProgramResult.DONE
 
 
 @pytest.mark.parametrize("release", [folder.name for folder in sorted(RELEASED.iterdir())])
